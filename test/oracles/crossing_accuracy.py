@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Maximum step heights of random robots on random ground, compared with bracketing by whole runs.
+Maximum step heights of random robots on random ground, compared with bracketing by full runs.
 
-The bracket is halved to 0.1 um.  Each of its heights is a whole run (`reference_search.crosses`),
-with a tolerance so fine that it no longer matters: rows are looked at, nothing ends early, no
-score aims.
+Bisection reduces the bracket to 0.1 um.  Each height takes a full run
+(`reference_search.crosses`) with a negligible tolerance: the samples of the run decide, without
+early termination and without a score that guides the search.
 """
 from dataclasses import fields, replace
 import math
@@ -17,13 +17,13 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.physics import Actuation, load_robot, Solver
 
 REFERENCE = Solver('adaptive', tolerance=1e-11, step=1e-4, models='full')
-WIDTH = 1e-7  # of the last bracket [m]
-# By units: what is drawn within a factor of two of the published numbers.
+WIDTH = 1e-7  # of the final bracket [m]
+# Units of the parameters that are drawn within a factor of two of the published values.
 VARIED = ('kg', 'kg m2', 'N/m', 'N s/m', 'N m s/rad', '1')
 
 
 def random_crossing(seed):
-    """Return robot, speed, actuation, site and rules; a function of the seed alone."""
+    """Return robot, speed, actuation, site and rules, which depend only on the seed."""
     draw = np.random.default_rng([1414, seed])
     robot = load_robot(str(draw.choice(['gimball', 'gimball', 'shellball'])))
     robot = replace(robot, **{
@@ -43,7 +43,7 @@ def random_crossing(seed):
 
 
 def bracketed(crossing, near, span):
-    """Return the maximum step height [m] by halving, in a bracket from `near` by `span` [m]."""
+    """Return the maximum step height [m] by bisection, initially in `near` +- `span` [m]."""
     robot, speed, actuation, site, rules = crossing
     angle = actuation.set_angle if actuation.law == 'position' else 0.0
 
@@ -64,9 +64,9 @@ def bracketed(crossing, near, span):
 
 def shares(seed, accuracies):
     """
-    Return the error of each accuracy [m] that is asked for, over it; None where it is refused.
+    Return the ratio of error to requested accuracy [m] for each accuracy, or None if refused.
 
-    Below the reported height the error is that of the height, above it that of the answer.
+    The second value is the attempts and work of each search, or the text of the refusal.
     """
     crossing = random_crossing(seed)
     robot, speed, actuation, site, rules = crossing

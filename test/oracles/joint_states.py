@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joint states of a robot as messages, field by field."""
+"""Reference conversion of robot states to joint state messages."""
 from sensor_msgs.msg import JointState
 
 from ballbot_ros.ros.conversions import to_time
@@ -7,7 +7,7 @@ from ballbot_ros.ros.frames import JOINTS, SHELL
 
 
 def joint_state_message(state, torque, has_pendulum, frame='base_link'):
-    """Return shell and pendulum as joints: theta1, and theta2 relative to the shell."""
+    """Return a message with theta1 of the shell and theta2 of the pendulum joint."""
     message = JointState()
     message.header.stamp, message.header.frame_id = to_time(state.time), frame
     if has_pendulum:

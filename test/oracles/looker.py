@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A viewer of the live page without a browser: the first messages of viser's client."""
+"""A client of the live page without a browser; it sends the first messages of viser's client."""
 import msgspec.msgpack
 import viser
 from websockets.sync.client import connect
@@ -11,9 +11,9 @@ CAMERA = {
 
 
 def look(url, **options):
-    """Connect as the page at `url` does; its messages are received or not, as one likes."""
+    """Connect like the page at `url`; the caller may receive the messages of the server."""
     connection = connect(url.replace('http', 'ws', 1), origin=url, open_timeout=30,
                          max_size=None, subprotocols=[f'viser-v{viser.__version__}'], **options)
-    # viser counts a client from its first camera on.
+    # viser registers a client at its first camera message.
     connection.send(msgspec.msgpack.encode(CAMERA))
     return connection

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The equations of motion as the paper prints them: the matrices of eq. (6), solved as eq. (13).
+The equations of motion as printed in the paper: the matrices of eq. (6), solved as in eq. (13).
 
 ::
 
     A q'' + B [th1'^2, th2'^2, x'^2, y'^2] + C [th1' th2', th2' x', x' y', x' th1']
           + D q' + G = [tau1, tau2, Fx, Fy]              with q = (theta1, theta2, x, y)
 
-`physics.mechanics.equations` has the same equations solved by hand.  The angle alpha of eqs. (4)
-and (5) is 0, because all angles of this package are measured from the vertical.
+`physics.mechanics.equations` contains the hand-derived solution of the same equations.  The angle
+alpha of eqs. (4) and (5) is 0, because all angles of this package are relative to the vertical.
 """
 import numpy as np
 
@@ -24,7 +24,7 @@ def _levers(robot: Robot, state: State) -> tuple[float, float]:
 
 
 def mass_matrix(robot: Robot, state: State) -> Array:
-    """Return A of eq. (6), mass and inertia; singular for a robot without a pendulum."""
+    """Return A of eq. (6), the mass matrix; it is singular for a robot without a pendulum."""
     cosine, sine = _levers(robot, state)
     swing = robot.pendulum_inertia + robot.pendulum_mass * robot.pendulum_length**2
     mass = robot.total_mass
@@ -54,7 +54,7 @@ def coriolis_matrix(robot: Robot, state: State) -> Array:
 
 
 def friction_matrix(robot: Robot) -> Array:
-    """Return D of eq. (6), viscous friction; c2 acts on the relative rate theta2'."""
+    """Return D of eq. (6), the viscous friction; c2 acts on the relative rate theta2'."""
     return np.diag([robot.rolling_friction, robot.joint_friction, 0.0, 0.0])
 
 
@@ -67,16 +67,16 @@ def gravity_vector(robot: Robot, state: State) -> Array:
 def accelerations_by_solve(robot: Robot, state: State, ball_torque: float, motor_torque: float,
                            force_x: float, force_y: float) -> Array:
     """
-    Return the accelerations of theta1, theta2, x and y: eq. (13), of a robot with a pendulum.
+    Return the accelerations of theta1, theta2, x and y by eq. (13); requires a pendulum.
 
     Parameters
     ----------
     ball_torque : float
-        tau1, of the contacts about the centre [N m].
+        tau1, the torque of the contacts about the centre [N m].
     motor_torque : float
-        tau2, of the pendulum motor [N m].
+        tau2, the torque of the pendulum motor [N m].
     force_x, force_y : float
-        Of the contacts [N].
+        Contact forces [N].
 
     """
     ball, joint, x, y = rates = np.array(

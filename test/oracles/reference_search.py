@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The maximum step height as the paper searches for it: ascending bracketing with fixed steps.
+The maximum step height by the search of the paper: ascending bracketing with fixed steps.
 
-`crossing.max_step_height` has to give the same answers.  This one uses whole runs and their
-rows, so that both share the rules of a crossing and its start, but neither solver nor search.
+`crossing.max_step_height` must return the same heights.  The two searches share the rules and
+the start of a crossing, but neither the solver nor the search; this one evaluates full runs.
 """
 import math
 
@@ -14,19 +14,19 @@ from ballbot_ros.crossing.attempt import place, RETREAT
 from ballbot_ros.physics import Actuation, ContactOptions, Model, Solver, State
 from ballbot_ros.physics.simulation.run import run_once
 
-# A run that has not ended by then is made again, longer, up to the time limit [s].
+# An attempt that is undecided at these times is repeated with a longer run [s].
 FIRST_LIMITS = (0.5, 1.5)
 
 
 def crosses(robot, speed, height, actuation=Actuation(), pendulum_angle=0.0,
             options=ContactOptions(), solver=Solver(), site=Site(), rules=Rules()):
-    """Return whether the ball gets over a step [m] at a collision speed [m/s]."""
+    """Return whether the ball crosses a step [m] at a collision speed [m/s]."""
     model = Model(robot, site.terrain(height), options, solver)
     vector = np.array(State()[1:])
     touch_x = place(vector, rules.course(speed, pendulum_angle), model.parameters, model.profile)
     limit = int(rules.time_limit / solver.step) * solver.step
     for duration in (*FIRST_LIMITS, limit):
-        # Near the maximum height next to nothing decides: `simulate` would refuse these steps.
+        # Near the maximum height runs are so sensitive that `simulate` would refuse the steps.
         run = run_once(
             model, State(0.0, *vector), actuation, min(duration, limit), solver.step)
         goal, behind = rules.beyond * robot.ball_radius, math.tan(site.slope_behind)
@@ -45,8 +45,8 @@ def highest_step(robot, speed, actuation=Actuation(), pendulum_angle=0.0, tolera
     """
     Return the maximum step height at a collision speed [m].
 
-    The height doubles until the ball fails, then the bracket is halved to the tolerance [m]; its
-    lower end, which is passed, is returned.
+    The height doubles until the ball fails; then bisection reduces the bracket to the tolerance
+    [m].  The result is the lower end of the bracket, which the ball crosses.
     """
     def passes(height):
         return crosses(robot, speed, height, actuation, pendulum_angle, options, solver, site,

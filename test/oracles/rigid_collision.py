@@ -1,30 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""
-A collision as an impulse: rigid, with restitution and Coulomb friction, pendulum swinging freely.
+A rigid, impulsive collision with restitution and Coulomb friction, and a free pendulum.
 
-In no time the places stay and the velocities jump.  With normal n, tangent t of the contact,
-impulses P_n and P_t, and a = (cos, sin)(phi), eqs. (3)-(6) give for the velocity of the contact
-point, u_n = v_n and u_t = v_t + R theta1'::
+The collision is instantaneous: positions are constant and velocities jump.  With normal n,
+tangent t, impulses P_n and P_t, and a = (cos, sin)(phi), eqs. (3)-(6) give for the velocity of the
+contact point, u_n = v_n and u_t = v_t + R theta1'::
 
     d u_n = w_nn d P_n + w_nt d P_t      w_nn = 1/M + q a_n^2      q = (m / M)^2 / I
     d u_t = w_nt d P_n + w_tt d P_t      w_tt = 1/M + q a_t^2 + R^2 / J1
                                          w_nt = q a_n a_t
 
 *Friction* (Routh).  P_t follows P_n: while the contact slides, d P_t = -mu sign(u_t) d P_n; once
-u_t = 0 it sticks, d P_t = -(w_nt / w_tt) d P_n, where the cone allows that, and else slides on to
-the other side.  So there is one bend at most, and all is piecewise linear.
+u_t = 0 it sticks, d P_t = -(w_nt / w_tt) d P_n, if the friction cone permits it; otherwise the
+slip reverses.  P_t is therefore piecewise linear in P_n, with one bend at most.
 
-*Restitution* (Stronge).  Compression ends with u_n = 0; then the contact gives back e^2 of the
-work that compression took.  So the energy never grows, for any friction.
+*Restitution* (Stronge).  Compression ends with u_n = 0; then the contact returns e^2 of the
+work of compression.  The energy therefore never increases, for any friction.
 
-*The e of eq. (7).*  A mass 1/w on spring and damper that may not pull leaves, at N = 0, with
+*The e of eq. (7).*  A mass 1/w on a spring and damper without pulling separates at N = 0 with
 
     e = exp(-z / sqrt(1 - z^2) (pi - 2 asin(z)))      z = kd / 2 sqrt(w / k)
 
-of its speed; for z > 1 the same with 2 acosh(z) / sqrt(z^2 - 1).  So in the limit of hard contacts
-and steep friction this impulse is the full model, with w = d u_n / d P_n of the way the contact
-slides or sticks; exactly, if it does one of both all the time.  What the limit leaves out is
-that a contact lasts: the ball rolls, and the pendulum swings, some ten milliseconds.
+of its speed; for z > 1 the exponent is -2 z acosh(z) / sqrt(z^2 - 1).  The full model converges
+to this impulse for hard contacts and small slip thresholds, with w = d u_n / d P_n of sliding or
+sticking; the limit is exact if the contact slides or sticks throughout.  The impulse neglects the
+contact time of about ten milliseconds, during which the ball rolls and the pendulum swings.
 """
 import math
 from typing import NamedTuple
@@ -33,7 +33,7 @@ from ballbot_ros.physics import Model, Robot, State
 
 
 class Blow(NamedTuple):
-    """What a collision does."""
+    """Result of a collision."""
 
     state: State  # just after it
     normal_impulse: float  # [N s]
@@ -44,13 +44,13 @@ class Blow(NamedTuple):
 
 def restitution(robot: Robot, compliance: float) -> float:
     """
-    Return the part of the speed that eq. (7) gives back.
+    Return the coefficient of restitution of eq. (7).
 
     Parameters
     ----------
     robot : Robot
     compliance : float
-        w, the speed that a unit of impulse makes [1/kg].
+        w, the change of speed per unit of impulse [1/kg].
 
     """
     damping = 0.5 * robot.contact_damping * math.sqrt(compliance / robot.contact_stiffness)
@@ -65,18 +65,18 @@ def restitution(robot: Robot, compliance: float) -> float:
 def collide(model: Model, state: State, normal_x: float, normal_y: float, friction: float,
             bounce: float = -1.0) -> Blow:
     """
-    Return what a rigid collision does to a ball.
+    Return the result of a rigid collision of the ball.
 
     Parameters
     ----------
     model : Model
-        Its robot counts; friction of its motor and joint is too slow for a blow.
+        Only its robot is used; motor and joint friction are negligible during an impact.
     state : State
-        Just before; the contact approaches.
+        State just before the collision, with the contact point approaching the ground.
     normal_x, normal_y : float
-        Of the ground, out of it, of length 1.
+        Outward unit normal of the ground.
     friction : float
-        Coefficient, at least 0; not so large that pressing makes the contact approach faster.
+        Coefficient of friction, at least 0; so small that d u_n / d P_n stays positive.
     bounce : float
         Coefficient of restitution, 0 to 1; less than 0 for that of eq. (7).
 
@@ -104,7 +104,7 @@ def collide(model: Model, state: State, normal_x: float, normal_y: float, fricti
 
 
 def _course(slip: float, friction: float, w_nn: float, w_nt: float, w_tt: float) -> list:
-    """Return the pieces of the way: normal impulse at the end, d P_t / d P_n, d u_n / d P_n."""
+    """Return the pieces of P_t(P_n): normal impulse at the end, d P_t / d P_n, d u_n / d P_n."""
     stick = -w_nt / w_tt
     pieces = []
     if slip != 0.0:
@@ -114,29 +114,29 @@ def _course(slip: float, friction: float, w_nn: float, w_nt: float, w_tt: float)
         pieces.append((end, ratio, w_nn + w_nt * ratio))
         if end == math.inf:
             return pieces
-    # With no slip: the cone holds it, or it slides to where the coupling drives it.
+    # Without slip: the contact sticks within the cone, or slides as the coupling drives it.
     ratio = stick if abs(stick) <= friction else math.copysign(friction, stick)
     return [*pieces, (math.inf, ratio, w_nn + w_nt * ratio)]
 
 
 def _impulses(approach: float, pieces: list, bounce: float) -> tuple:
-    """Return normal and friction impulse at the end of restitution."""
+    """Return the normal and the friction impulse at the end of restitution."""
     normal = along = work = 0.0
-    speed, compressing, wanted = approach, True, 0.0
+    speed, compressing, target = approach, True, 0.0
     for end, ratio, rise in pieces:
         while True:
             if compressing:
                 step = min(-speed / rise, end - normal)
             else:
-                # The work of restitution, u P + w P^2 / 2, up to what is to be given back.
-                left = wanted - work
+                # The work of restitution, u P + w P^2 / 2, up to its target.
+                left = target - work
                 step = min((math.sqrt(speed * speed + 2.0 * rise * left) - speed) / rise,
                            end - normal)
             work += step * (speed + 0.5 * rise * step)
             normal, along = normal + step, along + ratio * step
             speed += rise * step
             if compressing and normal < end:
-                compressing, wanted, work, speed = False, -bounce * bounce * work, 0.0, 0.0
+                compressing, target, work, speed = False, -bounce * bounce * work, 0.0, 0.0
                 continue
             if normal >= end:
                 break
@@ -146,7 +146,7 @@ def _impulses(approach: float, pieces: list, bounce: float) -> tuple:
 
 def _apply(model: Model, state: State, direction: tuple, normal: float, along: float, a_n: float,
            a_t: float) -> tuple:
-    """Return the state after the impulses, and the energy that they took."""
+    """Return the state after the impulses, and the dissipated energy."""
     robot, numbers = model.robot, model.parameters
     normal_x, normal_y = direction
     swing = 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One sender at a time commands."""
+"""Only one sender at a time has command authority."""
 import math
 
 import pytest
@@ -18,7 +18,7 @@ def refused(authority, sender, now):
     return False
 
 
-def test_the_first_one_commands_and_another_does_not():
+def test_only_the_first_sender_has_authority():
     authority = Authority(0.1)
     for number in range(100):
         now = 0.01 * number
@@ -27,7 +27,7 @@ def test_the_first_one_commands_and_another_does_not():
     assert authority.holder == 'controller'
 
 
-def test_authority_passes_on_after_a_silence_of_the_one_that_has_it_and_not_of_the_other():
+def test_authority_passes_on_only_after_a_timeout_of_its_holder():
     authority = Authority(0.1)
     authority.check('controller', 1.0)
     assert refused(authority, 'teleop', 1.05) and refused(authority, 'teleop', 1.0999)
@@ -35,7 +35,7 @@ def test_authority_passes_on_after_a_silence_of_the_one_that_has_it_and_not_of_t
     assert refused(authority, 'controller', 1.15)
 
 
-def test_a_contest_is_reported_for_a_while():
+def test_a_contest_is_reported_for_one_second():
     authority = Authority(0.1)
     authority.check('controller', 1.0)
     assert not authority.contested(1.0) and authority.contest == ''
@@ -44,13 +44,13 @@ def test_a_contest_is_reported_for_a_while():
     assert authority.contest == 'teleop commands, but controller has authority'
 
 
-def test_a_clock_that_was_set_back_gives_authority_to_the_next():
+def test_a_backward_clock_jump_gives_authority_to_the_next_sender():
     authority = Authority(0.1)
     authority.check('controller', 1000.0)
     assert not refused(authority, 'teleop', 1.0)
 
 
-def test_an_unknown_one_is_followed_only_where_no_other_commands_and_gets_no_authority():
+def test_an_unnamed_sender_commands_only_without_a_holder_and_gets_no_authority():
     authority = Authority(0.1)
     assert not refused(authority, '', 1.0) and authority.holder is None
     authority.check('controller', 1.0)
@@ -59,6 +59,6 @@ def test_an_unknown_one_is_followed_only_where_no_other_commands_and_gets_no_aut
 
 
 @pytest.mark.parametrize('timeout', [0.0, -1.0, math.nan, math.inf])
-def test_a_timeout_that_is_none_is_refused(timeout):
+def test_an_invalid_timeout_is_refused(timeout):
     with pytest.raises(ConfigurationError):
         Authority(timeout)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command gate: only fresh, finite commands in their order move the motor."""
+"""The command gate passes only finite, recent commands in the order of their stamps."""
 import math
 
 from hypothesis import given, strategies
@@ -19,7 +19,7 @@ def gate_with(torque, stamp):
 
 
 def refusal(gate, *offer):
-    """Return the reason for which an offer is refused."""
+    """Return the reason of a refused offer."""
     with pytest.raises(MessageError) as caught:
         gate.offer(*offer)
     return caught.value.reason
@@ -28,10 +28,10 @@ def refusal(gate, *offer):
 def test_without_a_command_there_is_no_torque():
     gate = CommandGate(TIMEOUT)
     assert gate.torque(0.0) == 0.0
-    assert not gate.expired(1e9)  # nothing was there that could be missed
+    assert not gate.expired(1e9)  # without a command, none can expire
 
 
-def test_newest_command_is_followed_until_it_is_too_old():
+def test_the_newest_command_applies_until_its_timeout():
     gate = gate_with(1.5, 2.0)
     assert gate.torque(2.0) == gate.torque(2.0999) == 1.5
     assert gate.torque(2.1001) == 0.0
@@ -41,7 +41,7 @@ def test_newest_command_is_followed_until_it_is_too_old():
 
 
 @pytest.mark.parametrize('ahead', [0.0, 0.02, 0.049])
-def test_a_stamp_ahead_of_the_clock_keeps_no_command_in_force_for_longer(ahead):
+def test_a_stamp_ahead_of_the_clock_does_not_extend_a_command(ahead):
     gate = CommandGate(TIMEOUT)
     gate.offer(1.5, 2.0 + ahead, 2.0)
     assert gate.torque(2.0999) == 1.5
@@ -49,7 +49,7 @@ def test_a_stamp_ahead_of_the_clock_keeps_no_command_in_force_for_longer(ahead):
 
 
 @pytest.mark.parametrize('torque', [math.nan, math.inf, -math.inf])
-def test_not_finite_is_refused(torque):
+def test_a_torque_that_is_not_finite_is_refused(torque):
     assert refusal(gate_with(1.0, 2.0), torque, 2.0, 2.0) == 'not_finite'
 
 
@@ -57,18 +57,18 @@ def test_not_finite_is_refused(torque):
     (1.899, 'stale'), (0.0, 'stale'), (-1e300, 'stale'), (math.nan, 'stale'),
     (-math.inf, 'stale'), (2.051, 'from_the_future'), (1.8e9, 'from_the_future'),
     (math.inf, 'from_the_future')])
-def test_other_times_are_refused(stamp, reason):
+def test_stale_and_future_stamps_are_refused(stamp, reason):
     assert refusal(CommandGate(TIMEOUT), 1.0, stamp, 2.0) == reason
 
 
-def test_order_is_kept_and_the_same_stamp_may_come_again():
+def test_an_older_stamp_is_refused_and_an_equal_one_is_accepted():
     gate = gate_with(1.0, 2.0)
     gate.offer(2.0, 2.0, 2.01)
     assert refusal(gate, 3.0, 1.998, 2.01) == 'out_of_order'
     assert gate.torque(2.01) == 2.0
 
 
-def test_each_refusal_is_counted_by_its_reason_and_changes_nothing():
+def test_each_refusal_is_counted_by_reason_and_keeps_the_command():
     gate = gate_with(1.0, 2.0)
     for torque, stamp in ((math.nan, 2.0), (math.inf, 2.0), (1.0, 1.0), (1.0, 3.0), (1.0, 1.99)):
         refusal(gate, torque, stamp, 2.0)
@@ -78,18 +78,18 @@ def test_each_refusal_is_counted_by_its_reason_and_changes_nothing():
     assert gate.torque(2.0) == 1.0 and gate.accepted == 1
 
 
-def test_clear_forgets_the_command_and_keeps_the_counts():
+def test_clear_removes_the_command_and_keeps_the_counts():
     gate = gate_with(1.0, 2.0)
     refusal(gate, math.nan, 2.0, 2.0)
     gate.clear()
     assert gate.torque(2.0) == 0.0 and not gate.expired(9.0)
     assert gate.accepted == 1 and gate.refused == {'not_finite': 1}
-    gate.offer(0.5, 1.95, 2.0)  # older than the one that was forgotten
+    gate.offer(0.5, 1.95, 2.0)  # older than the removed command
     assert gate.torque(2.0) == 0.5
 
 
 @pytest.mark.parametrize('timeout', [0.0, -0.1, math.nan, math.inf])
-def test_timeout_that_is_none_is_refused(timeout):
+def test_an_invalid_timeout_is_refused(timeout):
     with refused('out_of_range', 'command_timeout'):
         CommandGate(timeout)
 
@@ -99,7 +99,7 @@ anything = strategies.floats(allow_nan=True, allow_infinity=True)
 
 @given(strategies.lists(strategies.tuples(
     anything, strategies.one_of(anything, strategies.floats(0.0, 1.0))), max_size=20))
-def test_the_torque_is_finite_and_fresh_for_any_offers(offers):
+def test_the_torque_is_finite_and_recent_for_any_sequence_of_offers(offers):
     gate, good = CommandGate(TIMEOUT), 0.0
     for index, (torque, stamp) in enumerate(offers):
         now = 0.05 * index

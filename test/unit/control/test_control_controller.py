@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The controller: laws, limit, integral, repeated and refused input."""
+"""The controller: control laws, torque limit, integral, and repeated and refused inputs."""
 from dataclasses import replace
 import math
 
@@ -41,7 +41,7 @@ def test_hold_is_law_11(set_angle, ball, joint, ball_rate, joint_rate):
 
 
 @given(number, number, number, number, number, strategies.floats(1e-3, 10.0))
-def test_drive_is_law_12_from_the_moment_of_the_set_point(
+def test_drive_is_law_12_from_the_time_of_the_set_point(
         set_rate, ball, start, joint, joint_rate, elapsed):
     controller = controller_for(
         SetPoint('drive', set_rate, 3.0), replace(FREE, velocity_ki=2.0))
@@ -60,13 +60,13 @@ def test_torque_stays_within_the_limit(value, ball, joint, ball_rate, joint_rate
         assert abs(torque) <= 4.0
 
 
-def test_gravity_compensation_can_be_left_out():
+def test_gravity_compensation_can_be_disabled():
     tuning = replace(FREE, gravity_compensation=False)
     torque = controller_for(SetPoint('hold', 0.5), tuning).torque(at(0.0, 0.0, 0.5))
     assert torque == 0.0
 
 
-def test_same_stamp_gives_the_same_answer():
+def test_a_repeated_stamp_gives_the_same_torque():
     controller = controller_for(SetPoint('drive', 1.0), replace(FREE, velocity_ki=5.0))
     controller.torque(at(0.0))
     first = controller.torque(at(0.1, joint_rate=0.5))
@@ -74,7 +74,7 @@ def test_same_stamp_gives_the_same_answer():
     assert controller.torque(at(0.1, joint_angle=1.0, joint_rate=9.0)) == first
 
 
-def test_new_set_point_is_answered_even_on_a_repeated_stamp():
+def test_a_new_set_point_applies_even_at_a_repeated_stamp():
     controller = controller_for(SetPoint('hold', 1.0))
     assert controller.torque(at(0.0)) == pytest.approx(40.0)
     controller.give(SetPoint('idle', stamp=0.0))
@@ -89,16 +89,16 @@ def test_repeating_the_set_point_does_not_restart_the_integral():
         often.give(SetPoint('drive', 1.0, 0.1 * index))
         assert often.torque(at(0.1 * index)) == once.torque(at(0.1 * index))
     often.give(SetPoint('drive', 2.0, 5.0))
-    assert often.torque(at(5.0)) == pytest.approx(20.0)   # a new one does
+    assert often.torque(at(5.0)) == pytest.approx(20.0)   # a new set-point does
 
 
-def test_integral_does_not_wind_up_behind_the_limit():
+def test_the_integral_does_not_wind_up_at_the_limit():
     tuning = ControlTuning(velocity_kp=1.0, velocity_ki=2.0, torque_limit=4.0)
     controller = controller_for(SetPoint('drive', 3.0), tuning)
     for index in range(1000):   # ten seconds against a wall
         torque = controller.torque(at(0.01 * index))
     assert torque == pytest.approx(4.0, abs=0.1)
-    # Released and too fast by half: without anti-windup the torque would stay at the limit.
+    # At twice the set rate: without anti-windup the torque would stay at the limit.
     assert controller.torque(at(10.0, joint_rate=6.0)) < 0.0
 
 
@@ -108,7 +108,7 @@ def test_integral_does_not_wind_up_behind_the_limit():
                       strategies.sampled_from([-1.5, 0.0, 1.5])),
     min_size=1, max_size=20))
 @example(1.0, [(1.0, -1.0, 0.0), (0.01, 1.1, 1.5), (0.5, 1.1, 1.5), (0.1, 1.1, -1.5)])
-def test_behind_the_limit_the_integral_moves_only_out_of_it(set_rate, motion):
+def test_at_the_limit_the_integral_only_changes_away_from_it(set_rate, motion):
     limit, kp, ki = 4.0, 1.0, 2.0
     controller = controller_for(SetPoint('drive', set_rate), ControlTuning(
         velocity_kp=kp, velocity_ki=ki, torque_limit=limit))
@@ -119,7 +119,7 @@ def test_behind_the_limit_the_integral_moves_only_out_of_it(set_rate, motion):
         moved = (set_rate - rate) * period
         rest = kp * (set_rate - rate) + GIMBALL.largest_gravity_torque * math.sin(lean)
         law = rest + ki * (lag + moved)
-        assume(abs(abs(law) - limit) > 1e-6)  # where rounding does not decide
+        assume(abs(abs(law) - limit) > 1e-6)  # exclude cases that rounding decides
         if not (abs(law) > limit and moved * law > 0.0):
             lag += moved
         assert controller.torque(at(stamp, lean - joint, joint, 0.0, rate)) == pytest.approx(
@@ -127,7 +127,7 @@ def test_behind_the_limit_the_integral_moves_only_out_of_it(set_rate, motion):
 
 
 @pytest.mark.parametrize('rate', [9.0, -9.0])
-def test_a_set_point_that_starts_at_the_limit_starts_without_a_lag(rate):
+def test_a_set_point_that_starts_at_the_limit_has_no_initial_integral(rate):
     controller = controller_for(SetPoint('drive', rate), ControlTuning(
         velocity_kp=1.0, velocity_ki=2.0, torque_limit=4.0, gravity_compensation=False))
     assert controller.torque(at(0.0)) == math.copysign(4.0, rate)
@@ -135,7 +135,7 @@ def test_a_set_point_that_starts_at_the_limit_starts_without_a_lag(rate):
         0.0, abs=1e-12)
 
 
-def test_reset_forgets_everything():
+def test_reset_restores_the_initial_state():
     controller = controller_for(SetPoint('hold', 1.0, 100.0))
     controller.torque(at(100.0))
     controller.reset()
@@ -144,7 +144,7 @@ def test_reset_forgets_everything():
     controller.give(SetPoint('hold', 0.0, 0.0))
 
 
-def test_the_past_is_refused():
+def test_older_stamps_are_refused():
     controller = controller_for(SetPoint('hold', 0.0, 2.0))
     with refused('stale', error=MessageError) as caught:
         controller.give(SetPoint('hold', 1.0, 1.0))
@@ -157,7 +157,7 @@ def test_the_past_is_refused():
 
 
 @pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf])
-def test_not_finite_is_refused_everywhere(bad):
+def test_values_that_are_not_finite_are_refused(bad):
     for index in range(5):
         values = [0.0] * 5
         values[index] = bad

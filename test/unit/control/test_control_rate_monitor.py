@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rate of joint states."""
+"""The measured rate of the joint states."""
 import pytest
 
 from ballbot_ros.control.supervised import LEAST_PERIODS, RATE_PERIODS, RateMonitor
 
 
 def monitored(*stamps):
-    """Return a monitor of these stamps."""
+    """Return a monitor that has received the stamps."""
     monitor = RateMonitor()
     for stamp in stamps:
         monitor.add(stamp)
@@ -14,12 +14,12 @@ def monitored(*stamps):
 
 
 @pytest.mark.parametrize('number', [11, 12, 20, 40])
-def test_rate_is_that_of_the_median_period(number):
+def test_the_rate_is_the_inverse_of_the_median_period(number):
     late = [0.01 * index + (0.5 if index > number - 4 else 0.0) for index in range(number)]
     assert monitored(*late).rate == pytest.approx(100.0)
 
 
-def test_repeated_stamps_count_once_and_a_jump_back_starts_again():
+def test_repeated_stamps_count_once_and_a_backward_jump_resets_the_monitor():
     stamps = [0.1 * (index // 2) for index in range(2 * LEAST_PERIODS + 2)]
     assert monitored(*stamps).rate == pytest.approx(10.0)
     assert monitored(*stamps[:-2]).rate is None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rolling model follows from its energies, its linearisation from the model."""
+"""The rolling model agrees with its Lagrangian, and its linearisation with the model."""
 import math
 
 from hypothesis import given, strategies
@@ -22,7 +22,7 @@ torques = strategies.floats(-4.0, 4.0)
 
 
 def lagrange():
-    """Return phi'' and theta1'' from positions and energies alone, as a function."""
+    """Return a function for phi'' and theta1'', derived from the Lagrangian."""
     import sympy
     time = sympy.symbols('t')
     phi, theta = sympy.Function('phi')(time), sympy.Function('theta')(time)
@@ -39,16 +39,16 @@ def lagrange():
     forces = {phi: joint, theta: -joint - bot.rolling_friction * theta.diff(time)}
     equations = [energy.diff(angle.diff(time)).diff(time) - energy.diff(angle) - force
                  for angle, force in forces.items()]
-    wanted = [phi.diff(time, 2), theta.diff(time, 2)]
-    solved = sympy.solve(equations, wanted, dict=True)[0]
+    unknowns = [phi.diff(time, 2), theta.diff(time, 2)]
+    solved = sympy.solve(equations, unknowns, dict=True)[0]
     names = sympy.symbols('angle rate ball_rate')
     plain = [solved[item].subs({phi.diff(time): names[1], theta.diff(time): names[2]})
-             .subs(phi, names[0]) for item in wanted]
+             .subs(phi, names[0]) for item in unknowns]
     return sympy.lambdify((*names, torque), plain)
 
 
 @pytest.mark.slow
-def test_accelerations_are_those_of_the_lagrangian():
+def test_the_accelerations_agree_with_the_lagrangian():
     truth = lagrange()
     random = np.random.default_rng(1)
     for state in random.uniform(-3.0, 3.0, (50, 4)):
@@ -57,8 +57,8 @@ def test_accelerations_are_those_of_the_lagrangian():
 
 
 @pytest.mark.slow
-def test_the_full_model_rolls_as_the_rolling_model():
-    # Hard ground leaves almost no penetration.
+def test_the_full_model_agrees_with_the_rolling_model():
+    # Stiff ground makes the penetration negligible.
     scene = read_scene({
         'robot': 'gimball', 'robot_changes': {'contact_stiffness': 1e8},
         'terrain': [{'flat': {'length': 30.0}}], 'initial': {'x': 1.0}, 'duration': 1.0}, '', '')
@@ -77,7 +77,7 @@ def test_the_full_model_rolls_as_the_rolling_model():
 
 
 @given(angles, rates, rates, torques)
-def test_the_derivatives_are_those_of_the_accelerations(angle, rate, ball_rate, torque):
+def test_the_derivatives_agree_with_finite_differences(angle, rate, ball_rate, torque):
     point, step = np.array([angle, rate, ball_rate]), 1e-5
     for row, acceleration in enumerate(rolling_linearised(*point, torque, MODEL.numbers)):
         assert acceleration[0] == rolling_accelerations(*point, torque, MODEL.numbers)[row]
@@ -89,7 +89,7 @@ def test_the_derivatives_are_those_of_the_accelerations(angle, rate, ball_rate, 
 
 
 @given(angles, rates, rates, torques)
-def test_energy_is_what_the_motor_gives_and_friction_takes(angle, rate, ball_rate, torque):
+def test_the_power_is_that_of_the_motor_less_friction(angle, rate, ball_rate, torque):
     pendulum, ball = rolling_accelerations(angle, rate, ball_rate, torque, MODEL.numbers)
     bot, slip = GIMBALL, rate - ball_rate
     moment, radius = bot.pendulum_mass * bot.pendulum_length, bot.ball_radius
@@ -99,15 +99,15 @@ def test_energy_is_what_the_motor_gives_and_friction_takes(angle, rate, ball_rat
              - moment * radius * math.cos(angle) * (ball * rate + ball_rate * pendulum)
              + moment * radius * math.sin(angle) * rate * ball_rate * rate
              + moment * bot.gravity * math.sin(angle) * rate)
-    given_and_taken = (torque * slip - bot.joint_friction * slip**2
-                       - bot.rolling_friction * ball_rate**2)
-    assert power == pytest.approx(given_and_taken, abs=1e-8)
+    expected = (torque * slip - bot.joint_friction * slip**2
+                - bot.rolling_friction * ball_rate**2)
+    assert power == pytest.approx(expected, abs=1e-8)
 
 
 @pytest.mark.parametrize('angle', ANGLES)
-def test_about_a_held_pendulum_the_matrix_is_the_derivative_of_the_model(angle):
+def test_about_held_is_the_derivative_of_the_model(angle):
     matrix, column = MODEL.about_held(angle)
-    # The torque under which the pendulum stays where it is while the ball accelerates.
+    # The torque that keeps the pendulum angle constant while the ball accelerates.
     lever = GIMBALL.pendulum_mass * GIMBALL.pendulum_length
     held = (GIMBALL.largest_gravity_torque * math.sin(angle)
             + lever * math.cos(angle) * MODEL.held_acceleration(angle))
@@ -121,8 +121,8 @@ def test_about_a_held_pendulum_the_matrix_is_the_derivative_of_the_model(angle):
         assert matrix[row + 1] == pytest.approx(acceleration[1:])
 
 
-def test_a_level_pendulum_accelerates_the_ball_by_its_weight_alone():
-    # R M2 g e / (J1 + M R^2): there is no coupling at 90 degrees.
+def test_a_level_pendulum_accelerates_the_ball_by_its_weight_only():
+    # R M2 g e / (J1 + M R^2): the inertial coupling is zero at 90 degrees.
     inertia = GIMBALL.ball_inertia + GIMBALL.total_mass * GIMBALL.ball_radius**2
     expected = GIMBALL.ball_radius * GIMBALL.largest_gravity_torque / inertia
     assert MODEL.held_acceleration(math.pi / 2) == pytest.approx(expected)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The speed law: its formulas against others, and what it does not do."""
+"""The formulas of the speed law and its refused gains."""
 import math
 
 from hypothesis import given, strategies as st
@@ -15,13 +15,13 @@ leans = st.floats(0.2, 1.5)
 slopes = st.floats(-0.05, 0.05)
 
 
-def test_on_the_level_a_held_pendulum_accelerates_as_in_the_rolling_model():
+def test_the_acceleration_on_level_ground_agrees_with_the_rolling_model():
     for angle in (-1.4, -0.3, 0.0, 0.7, 1.5):
         assert speed_law.acceleration(angle, 0.0, LAW) == pytest.approx(
             RollingModel(GIMBALL).held_acceleration(angle), rel=1e-12)
 
 
-def test_the_steepest_slope_is_that_of_the_robot():
+def test_the_steepest_slope_is_the_slope_limit_of_the_robot():
     assert speed_law.steepest_slope(math.pi / 2.0, LAW) == pytest.approx(GIMBALL.slope_limit)
     assert math.degrees(GIMBALL.slope_limit) == pytest.approx(5.92, abs=0.01)
     assert math.isnan(speed_law.holding_angle(GIMBALL.slope_limit + 1e-3, LAW))
@@ -40,8 +40,7 @@ def test_the_wanted_angle_gives_the_wanted_acceleration(wanted, slope):
     resistance = LAW[1] * math.sin(slope)
     angle = speed_law.wanted_angle(wanted, resistance, math.pi / 2.0, LAW)
     if abs(angle) < 1.5:
-        # The law has no share of the slope in the resistance; it leaves the slope out of
-        # the coupling, which is a tenth of the inertia.
+        # The law neglects the slope in the inertial coupling, which is a tenth of the inertia.
         assert speed_law.acceleration(angle, slope, LAW) == pytest.approx(wanted, abs=3e-3)
 
 
@@ -56,7 +55,7 @@ def test_from_the_stopping_speed_the_ball_stops_within_the_gap(gap, slope, lean,
         assert speed_law.braking_distance(0.1, slope, lean, reaction, LAW) == math.inf
 
 
-def test_nothing_is_braked_where_the_slope_is_steeper_than_the_lean_holds():
+def test_the_braking_distance_is_infinite_if_the_slope_is_too_steep():
     down = -speed_law.steepest_slope(0.7, LAW) - 1e-3
     assert speed_law.braking_distance(0.3, down, 0.7, 0.1, LAW) == math.inf
     assert speed_law.stopping_speed(5.0, down, 0.7, 0.1, LAW) == 0.0
@@ -69,7 +68,7 @@ def test_nothing_is_braked_where_the_slope_is_steeper_than_the_lean_holds():
     ('not_finite', 'position_kd', {'position_kd': math.nan}),
     ('out_of_range', 'swing_time', {'swing_time': -1.0}),
     ('not_finite', 'observer_rate', {'observer_rate': math.inf})])
-def test_gains_that_are_none_are_refused(reason, field, bad):
+def test_invalid_gains_are_refused(reason, field, bad):
     with refused(reason, field):
         speed_law.SpeedLaw.tuned(GIMBALL, ControlTuning(**bad))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The mode behind cmd_vel: the full model, driven at a speed by the controller at 500 Hz."""
+"""The speed mode of cmd_vel: the controller drives the full model at 500 Hz."""
 from dataclasses import replace
 import math
 
@@ -17,20 +17,20 @@ from ballbot_ros.plant import Plant
 
 GIMBALL = load_robot('gimball')
 RATE = 500
-LONG = 40.0  # of a slope [m]
+LENGTH = 40.0  # of the slope [m]
 
 
 def plant(slope=0.0, terrain=None, **changes):
-    """Return a robot of other numbers at rest in the middle of a slope [degrees]."""
+    """Return a plant with changed parameters, at rest in the middle of a slope [deg]."""
     scene = read_scene({
         'robot': 'gimball', 'robot_changes': changes, 'duration': 1.0, 'solver': {'step': 2e-4},
-        'terrain': terrain or [{'slope': {'length': LONG, 'angle_deg': slope}}],
-        'initial': {'x': 0.5 * LONG * math.cos(math.radians(slope))}}, 'test', 'test')
+        'terrain': terrain or [{'slope': {'length': LENGTH, 'angle_deg': slope}}],
+        'initial': {'x': 0.5 * LENGTH * math.cos(math.radians(slope))}}, 'test', 'test')
     return Plant(scene, RATE)
 
 
 def drive(ball, controller, speeds):
-    """Ask for speeds, each for a time; return time, speed of the ball and pendulum angle."""
+    """Command speeds for their durations; return time, ball speed and pendulum angle."""
     rows = []
     for speed, duration in speeds:
         controller.give(SetPoint(Mode.SPEED, speed, ball.time))
@@ -49,41 +49,41 @@ def controller_for(tuning='published'):
 
 
 def settling_time(rows, speed, share=0.05):
-    """Return after what time the speed stays within a share of the set speed [s]."""
-    off = np.flatnonzero(np.abs(rows[:, 1] - speed) > share * abs(speed))
-    return (off[-1] + 1) / RATE if len(off) else 0.0
+    """Return the time after which the speed stays within a fraction of the set speed [s]."""
+    outside = np.flatnonzero(np.abs(rows[:, 1] - speed) > share * abs(speed))
+    return (outside[-1] + 1) / RATE if len(outside) else 0.0
 
 
 @pytest.mark.parametrize('slope, tuning', pairs([-3.0, 0.0, 3.0], ['published', 'gentle']))
-def test_a_speed_settles_within_5_percent_in_3_s_and_a_stop_stands(slope, tuning):
+def test_a_speed_settles_within_5_percent_in_3_s_and_a_stop_holds(slope, tuning):
     ball, controller = plant(slope), controller_for(tuning)
-    drive(ball, controller, [(0.0, 3.0)])  # from nothing known: it learns the slope
+    drive(ball, controller, [(0.0, 3.0)])  # the observer estimates the slope
     rows = drive(ball, controller, [(0.3, 3.0)])
     assert settling_time(rows, 0.3) < 3.0 and rows[:, 1].max() < 0.315
     rows = drive(ball, controller, [(0.0, 3.0)])
     assert rows[:, 1].min() > -0.002  # no rolling back, on any slope
     assert abs(rows[-1, 1]) < 0.001
-    # It has estimated the slope then, to what the gravity of an ideal ball explains of it.
+    # The observer has estimated the slope from the resistance of an ideal ball.
     assert math.degrees(controller.slope) == pytest.approx(slope, abs=0.05)
 
 
 @pytest.mark.parametrize('slope', [0.0, *slow(-2.0, 2.0)])
-def test_steps_of_the_set_speed_up_and_down_and_back_do_not_run_over(slope):
+def test_steps_of_the_set_speed_have_little_overshoot(slope):
     ball, controller = plant(slope), controller_for()
     drive(ball, controller, [(0.0, 2.5)])
     before = 0.0
     for speed in (0.1, 0.8, 0.3, -0.3, 0.0):
         rows = drive(ball, controller, [(speed, 3.5)])
         assert settling_time(rows, speed) < 3.5 if speed else abs(rows[-1, 1]) < 0.002
-        over = (rows[:, 1] - speed) * math.copysign(1.0, speed - before)
-        assert over.max() < 0.05 * max(abs(speed), 0.1)
+        overshoot = (rows[:, 1] - speed) * math.copysign(1.0, speed - before)
+        assert overshoot.max() < 0.05 * max(abs(speed), 0.1)
         before = speed
 
 
 @pytest.mark.parametrize(('pendulum_mass', 'slope'), [
     (1.25, -3.0), *slow((1.25, 3.0), (2.1, 3.0))])
-def test_robots_at_the_ends_of_their_ranges_settle_too(pendulum_mass, slope):
-    # The law counts with 1.6 kg.
+def test_robots_at_the_ends_of_their_ranges_settle(pendulum_mass, slope):
+    # The speed law assumes 1.6 kg.
     ball = plant(slope, pendulum_mass=pendulum_mass, ball_mass=5.4 - pendulum_mass)
     controller = controller_for()
     drive(ball, controller, [(0.0, 3.0)])
@@ -93,7 +93,7 @@ def test_robots_at_the_ends_of_their_ranges_settle_too(pendulum_mass, slope):
     assert rows[:, 1].min() > -0.03 and abs(rows[-1, 1]) < 0.007
 
 
-def test_on_a_slope_that_no_lean_holds_it_says_so_and_not_on_one_that_it_holds(caplog):
+def test_only_a_slope_steeper_than_the_largest_lean_holds_is_reported(caplog):
     for slope, reports in ((4.5, 0), (-7.0, 1)):
         controller = SupervisedController(controller_for(), Supervision())
         ball = plant(slope)
@@ -109,7 +109,7 @@ def test_on_a_slope_that_no_lean_holds_it_says_so_and_not_on_one_that_it_holds(c
 
 
 @pytest.mark.slow
-def test_a_ball_held_by_a_wall_leaves_it_immediately_on_request():
+def test_a_ball_blocked_by_a_wall_reverses_immediately():
     ball = plant(terrain=[{'flat': {'length': 20.3}}, {'step': {'height': 0.3}},
                           {'flat': {'length': 5.0}}])
     controller = controller_for()
@@ -120,8 +120,8 @@ def test_a_ball_held_by_a_wall_leaves_it_immediately_on_request():
     assert settling_time(rows, -0.3) < 3.0
 
 
-def test_a_torque_limit_that_barely_swings_the_pendulum_does_not_wind_it_up():
-    # 0.9 N m holds 47 degrees of the pendulum, without acceleration.
+def test_a_low_torque_limit_does_not_cause_windup():
+    # 0.9 N m holds the pendulum at 47 degrees, without acceleration.
     tuning = replace(load_tuning('published'), torque_limit=0.9)
     ball, controller = plant(), PendulumController(GIMBALL, tuning)
     rows = drive(ball, controller, [(0.6, 5.0), (0.0, 5.0)])
@@ -129,7 +129,7 @@ def test_a_torque_limit_that_barely_swings_the_pendulum_does_not_wind_it_up():
     assert abs(rows[-1, 1]) < 0.007
 
 
-def test_the_first_answer_holds_the_pendulum_where_it_is():
+def test_the_first_torque_holds_the_pendulum_at_its_angle():
     controller = controller_for()
     controller.give(SetPoint(Mode.SPEED, 0.5, 0.0))
     torque = controller.torque(JointReadings(0.0, 0.0, 0.4, 0.0, 0.0))
@@ -141,7 +141,7 @@ def readings(stamp, speed=0.0, angle=0.1):
     return JointReadings(stamp, 0.0, angle, rate, -rate)
 
 
-def test_the_same_readings_are_answered_alike_and_another_set_speed_immediately():
+def test_repeated_readings_give_the_same_torque_and_a_new_speed_applies_immediately():
     tuning = replace(load_tuning('published'), torque_limit=1e6)
     controller, other = (PendulumController(GIMBALL, tuning) for _ in range(2))
     for one in (controller, other):
@@ -153,15 +153,15 @@ def test_the_same_readings_are_answered_alike_and_another_set_speed_immediately(
     assert controller.torque(again) == first
     controller.give(SetPoint(Mode.SPEED, 0.1, 0.018))
     assert controller.torque(again) != first
-    # As if the other speed had been asked for all along since the readings before.
+    # The torque is the same as if the speed had not changed in between.
     controller.give(SetPoint(Mode.SPEED, 0.2, 0.018))
     assert controller.torque(again) == first == other.torque(again)
 
 
-def test_the_estimated_disturbance_survives_a_change_of_speed_and_no_change_of_mode():
+def test_the_disturbance_estimate_is_kept_on_a_speed_change_and_reset_on_a_mode_change():
     controller = controller_for()
     controller.give(SetPoint(Mode.SPEED, 0.0, 0.0))
-    for index in range(1000):  # the pendulum leans and nothing moves: a slope
+    for index in range(1000):  # the pendulum leans and the ball is at rest: a slope
         controller.torque(readings(0.002 * index))
     learnt = controller.slope
     assert math.degrees(learnt) == pytest.approx(0.59, abs=0.02)  # asin(M2 e sin(0.1) / (M R))
@@ -175,7 +175,7 @@ def test_the_estimated_disturbance_survives_a_change_of_speed_and_no_change_of_m
     assert controller.slope == 0.0
 
 
-def test_after_a_gap_in_the_readings_the_law_starts_again():
+def test_a_gap_in_the_readings_resets_the_law():
     controller = controller_for()
     controller.give(SetPoint(Mode.SPEED, 0.0, 0.0))
     for index in range(500):
@@ -186,14 +186,14 @@ def test_after_a_gap_in_the_readings_the_law_starts_again():
 
 
 @pytest.mark.parametrize('name', ['position_kp', 'position_kd'])
-def test_gains_that_follow_no_set_angle_are_refused(name):
+def test_the_speed_mode_refuses_zero_position_gains(name):
     controller = PendulumController(GIMBALL, ControlTuning(**{name: 0.0}))
     controller.give(SetPoint(Mode.SPEED, 0.1, 0.0))
     with refused('inconsistent', 'position_kp'):
         controller.torque(readings(0.0))
 
 
-def test_readings_beyond_reason_give_a_torque_within_the_limit():
+def test_implausible_readings_give_a_torque_within_the_limit():
     controller = controller_for()
     controller.give(SetPoint(Mode.SPEED, 0.1, 0.0))
     for index, speed in enumerate([0.0, 1e200, -1e300, 1e10, 0.0, 0.0]):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The controller among unreliable neighbours."""
+"""The supervised controller with missing, slow, stale and repeated inputs."""
 from hypothesis import given, strategies
 import pytest
 
@@ -10,7 +10,7 @@ from ballbot_ros.errors import MessageError
 from ballbot_ros.physics import load_robot
 
 
-def made(**expected):
+def new_controller(**expected):
     return SupervisedController(
         PendulumController(load_robot('gimball'), ControlTuning()), Supervision(**expected))
 
@@ -24,19 +24,19 @@ def answer(controller, stamp):
     return controller.answer()
 
 
-def test_a_state_is_answered_once_by_the_law():
-    controller = made()
+def test_each_state_is_answered_once():
+    controller = new_controller()
     controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
     assert answer(controller, 0.0) == pytest.approx(-40.0 * 0.1 + 1.2353 * 0.0998, abs=1e-3)
     assert controller.answer() is None
 
 
 def test_without_a_set_point_there_is_no_torque():
-    assert answer(made(), 0.0) == 0.0
+    assert answer(new_controller(), 0.0) == 0.0
 
 
-def test_states_that_come_too_rarely_get_no_torque_and_one_warning(caplog):
-    controller = made(lowest_rate=275.0)
+def test_a_low_state_rate_gives_no_torque_and_one_warning(caplog):
+    controller = new_controller(lowest_rate=275.0)
     controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
     torques = [answer(controller, 0.01 * index) for index in range(40)]
     assert torques[-1] == 0.0 and controller.too_slow
@@ -46,8 +46,8 @@ def test_states_that_come_too_rarely_get_no_torque_and_one_warning(caplog):
     assert torques[-1] != 0.0 and not controller.too_slow
 
 
-def test_after_states_that_came_too_rarely_the_law_begins_at_the_zero_in_force():
-    controller = made(lowest_rate=275.0)
+def test_after_a_low_state_rate_the_torque_starts_at_zero():
+    controller = new_controller(lowest_rate=275.0)
     controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
     for index in range(100):
         answer(controller, 0.004 * index)
@@ -57,8 +57,8 @@ def test_after_states_that_came_too_rarely_the_law_begins_at_the_zero_in_force()
     assert max(abs(a - b) for a, b in zip(torques, torques[1:])) < 0.1
 
 
-def test_other_gains_that_bear_the_rate_begin_at_the_zero_in_force():
-    controller = made(lowest_rate=275.0)
+def test_after_retuning_for_a_low_state_rate_the_torque_starts_at_zero():
+    controller = new_controller(lowest_rate=275.0)
     controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
     for index in range(100):
         answer(controller, 0.004 * index)
@@ -70,7 +70,7 @@ def test_other_gains_that_bear_the_rate_begin_at_the_zero_in_force():
 
 
 def test_an_old_set_point_lets_the_pendulum_down_with_one_warning(caplog):
-    controller = made(set_point_timeout=0.5)
+    controller = new_controller(set_point_timeout=0.5)
     controller.give(SetPoint(Mode.HOLD, 1.0, 0.0))
     assert answer(controller, 0.4) > 0.0
     assert answer(controller, 0.6) < 0.0
@@ -83,8 +83,8 @@ def test_an_old_set_point_lets_the_pendulum_down_with_one_warning(caplog):
 
 @pytest.mark.parametrize('stamp, reason', [
     (1.7e9, 'from_the_future'), (11.01, 'from_the_future'), (9.49, 'stale'), (1.0, 'stale')])
-def test_a_set_point_of_another_time_is_refused_and_leaves_the_one_in_force(stamp, reason):
-    controller = made(set_point_timeout=0.5)
+def test_stale_and_future_set_points_are_refused_and_change_nothing(stamp, reason):
+    controller = new_controller(set_point_timeout=0.5)
     controller.take(at(10.0))
     with pytest.raises(MessageError) as caught:
         controller.give(SetPoint(Mode.HOLD, 1.0, stamp))
@@ -93,14 +93,14 @@ def test_a_set_point_of_another_time_is_refused_and_leaves_the_one_in_force(stam
 
 @pytest.mark.parametrize('stamp', [11.0, 10.9, 9.5])
 def test_a_set_point_may_be_a_second_ahead_and_as_old_as_the_timeout(stamp):
-    controller = made(set_point_timeout=0.5)
+    controller = new_controller(set_point_timeout=0.5)
     controller.take(at(10.0))
     controller.give(SetPoint(Mode.HOLD, 1.0, stamp))
     assert controller.set_point.stamp == stamp
 
 
-def test_from_the_eleventh_state_on_the_rate_is_judged():
-    controller = made(lowest_rate=275.0)
+def test_the_rate_is_checked_from_the_eleventh_state_on():
+    controller = new_controller(lowest_rate=275.0)
     controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
     assert not controller.too_slow
     for number in range(10):
@@ -111,30 +111,30 @@ def test_from_the_eleventh_state_on_the_rate_is_judged():
 
 
 @pytest.mark.parametrize('lowest, slow', [(8.0 / 0.98, False), (8.1 / 0.98, True)])
-def test_measured_rates_may_be_two_per_cent_too_low(lowest, slow):
-    controller = made(lowest_rate=lowest)
+def test_the_measured_rate_may_be_two_percent_too_low(lowest, slow):
+    controller = new_controller(lowest_rate=lowest)
     controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
     for number in range(12):
         answer(controller, 0.125 * number)
     assert controller.too_slow == slow
 
 
-def test_nothing_is_expected_unless_it_is_said():
-    controller = made()
+def test_nothing_is_supervised_by_default():
+    controller = new_controller()
     controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
     torques = [answer(controller, 1e3 * number) for number in range(1, 40)]
     assert None not in torques and 0.0 not in torques
 
 
-def test_before_the_first_state_it_is_time_0():
-    controller = made()
+def test_the_time_is_zero_before_the_first_state():
+    controller = new_controller()
     assert controller.time == 0.0
     controller.take(at(7.0))
     assert controller.time == 7.0
 
 
 def test_a_set_point_is_followed_until_just_after_its_timeout(caplog):
-    controller = made(set_point_timeout=0.5)
+    controller = new_controller(set_point_timeout=0.5)
     controller.give(SetPoint(Mode.HOLD, 1.0, 1.0))
     assert answer(controller, 1.5) > 0.0 and answer(controller, 1.5 + 5e-7) > 0.0
     assert not caplog.messages
@@ -142,7 +142,7 @@ def test_a_set_point_is_followed_until_just_after_its_timeout(caplog):
 
 
 def test_in_lockstep_a_state_waits_for_the_set_point_of_its_period():
-    controller = made(set_point_period=0.02)
+    controller = new_controller(set_point_period=0.02)
     assert answer(controller, 0.0) is None
     controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
     assert controller.answer() is not None
@@ -152,8 +152,8 @@ def test_in_lockstep_a_state_waits_for_the_set_point_of_its_period():
     assert controller.answer() is not None
 
 
-def test_one_state_lost_at_the_start_is_not_a_slow_rate(caplog):
-    controller = made(lowest_rate=275.0)
+def test_a_single_missing_state_at_the_start_is_not_a_low_rate(caplog):
+    controller = new_controller(lowest_rate=275.0)
     controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
     torques = [answer(controller, 0.002 * number) for number in (0, 2, 3, 4, 5, 6, 8, 9, 10, 11)]
     assert 0.0 not in torques and not caplog.messages and controller.rate is None
@@ -162,7 +162,7 @@ def test_one_state_lost_at_the_start_is_not_a_slow_rate(caplog):
 @pytest.mark.slow
 @given(strategies.lists(strategies.sampled_from([1, 1, 1, 2, 3]), min_size=30, max_size=60))
 def test_torque_depends_on_the_median_rate_of_the_last_states(gaps):
-    controller, stamp, was_slow = made(lowest_rate=275.0), 0.0, False
+    controller, stamp, was_slow = new_controller(lowest_rate=275.0), 0.0, False
     controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
     for index, gap in enumerate(gaps):
         stamp += 0.002 * gap
@@ -171,19 +171,19 @@ def test_torque_depends_on_the_median_rate_of_the_last_states(gaps):
             usual = sorted(gaps[index - 19:index + 1])
             slow = usual[9] + usual[10] > 2 * 500 / 275 / 0.98
             assert slow == controller.too_slow
-            # The first torque after a pause begins at the zero that was in force.
+            # After a period without torque, the first torque is zero.
             assert torque == 0.0 if slow else was_slow or torque != 0.0
         was_slow = controller.too_slow
 
 
 def test_a_set_point_without_a_timeout_holds_indefinitely(caplog):
-    controller = made(set_point_timeout=0.0)
+    controller = new_controller(set_point_timeout=0.0)
     controller.give(SetPoint(Mode.HOLD, 1.0, 0.0))
     assert answer(controller, 1e6) > 0.0 and not caplog.messages
 
 
-def test_idle_needs_no_renewal_and_drive_is_let_down_too(caplog):
-    controller = made(set_point_timeout=0.5)
+def test_idle_does_not_expire_but_drive_does(caplog):
+    controller = new_controller(set_point_timeout=0.5)
     controller.give(SetPoint(Mode.IDLE, 0.0, 0.0))
     assert answer(controller, 9.0) == 0.0 and not caplog.messages
     controller.give(SetPoint(Mode.DRIVE, 3.0, 9.0))
@@ -192,8 +192,8 @@ def test_idle_needs_no_renewal_and_drive_is_let_down_too(caplog):
     assert controller.set_point == SetPoint(Mode.HOLD, 0.0, 9.0)
 
 
-def test_each_silence_is_logged_once(caplog):
-    controller = made(set_point_timeout=0.5)
+def test_each_set_point_timeout_is_logged_once(caplog):
+    controller = new_controller(set_point_timeout=0.5)
     for begin in (0.0, 2.0):
         controller.give(SetPoint(Mode.HOLD, 1.0, begin))
         for number in range(20):
@@ -202,14 +202,14 @@ def test_each_silence_is_logged_once(caplog):
     assert 'publish set-points at 4 Hz or more' in caplog.messages[0]
 
 
-def test_a_set_point_before_the_first_state_may_be_of_any_time():
-    controller = made(set_point_timeout=0.5)
+def test_a_set_point_before_the_first_state_may_have_any_stamp():
+    controller = new_controller(set_point_timeout=0.5)
     controller.give(SetPoint(Mode.HOLD, 1.0, 1e6))
     assert controller.set_point.value == 1.0
 
 
 def test_in_lockstep_stamps_may_be_rounded_to_the_nanosecond():
-    controller = made(set_point_period=1.0 / 30.0)
+    controller = new_controller(set_point_period=1.0 / 30.0)
     for period in range(1, 50):
         controller.give(SetPoint(Mode.HOLD, 0.0, round(period / 30.0, 9)))
         for state in (0.0, 1.0, 2.0):
@@ -217,15 +217,15 @@ def test_in_lockstep_stamps_may_be_rounded_to_the_nanosecond():
     assert answer(controller, round(50 / 30.0, 9)) is None
 
 
-def test_a_repeated_state_is_answered_again_with_the_same():
-    controller = made(set_point_period=0.02)
+def test_a_repeated_state_gives_the_same_torque_again():
+    controller = new_controller(set_point_period=0.02)
     controller.give(SetPoint(Mode.DRIVE, 1.0, 0.0))
     first = answer(controller, 0.002)
     assert [answer(controller, 0.002) for _ in range(3)] == [first] * 3
 
 
-def test_when_time_goes_back_old_set_points_do_not_count_and_new_ones_do(caplog):
-    controller = made(set_point_timeout=0.5)
+def test_a_backward_time_jump_discards_the_set_point_and_accepts_new_ones(caplog):
+    controller = new_controller(set_point_timeout=0.5)
     controller.give(SetPoint(Mode.HOLD, 1.0, 5.0))
     answer(controller, 5.0)
     assert answer(controller, 1.0) == 0.0

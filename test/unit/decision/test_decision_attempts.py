@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Attempts are recognised, and what came of them, also where odometry slips or nothing is seen."""
+"""Recognition of attempts and their outcomes, also with odometry slip or without observations."""
 from dataclasses import replace
 from functools import lru_cache
 import math
@@ -39,7 +39,7 @@ UNSEEN = (99.0, 99.0)
 
 @lru_cache(maxsize=None)
 def drive(ground, speed, lean, robot=GIMBALL, unseen=UNSEEN, seconds=4.5, polyline=False):
-    """Push a ball at any ground, on the full model with odometry that slips."""
+    """Drive a ball over a terrain with slipping odometry; return outcomes and final state."""
     terrain = Terrain(GROUNDS[ground])
     faces = [(face[0, 0], face[-1, 1] - face[0, 1]) for face in terrain.faces(1.0, 0.002)]
     model = Model(robot, terrain, solver=Solver(step=5e-4))
@@ -90,7 +90,7 @@ def test_the_outcome_is_reported(ground, speed, lean, results):
     assert [item.result for item in outcomes] == results
 
 
-def test_an_outcome_says_with_what_the_step_was_touched():
+def test_an_outcome_contains_the_conditions_at_touch():
     (first, *_), _ = drive('step', 0.9, 0.7)
     assert first.touch_speed == pytest.approx(0.85, abs=0.03)
     assert first.height == pytest.approx(0.02, abs=0.0006)
@@ -102,7 +102,7 @@ def test_an_outcome_says_with_what_the_step_was_touched():
 
 
 @pytest.mark.parametrize('polyline', [False, *slow(True)])
-def test_a_ball_that_spins_at_the_foot_of_a_step_has_not_got_over(polyline):
+def test_a_ball_that_spins_at_the_foot_of_a_step_has_not_crossed(polyline):
     outcomes, state = drive('high', 0.5, 1.4, SLIPPERY, seconds=7.0, polyline=polyline)
     assert -GIMBALL.ball_radius * state.ball_angle > 1.5  # odometry is far beyond the step
     assert state.x < 1.0
@@ -122,7 +122,7 @@ def test_a_late_observation_gives_a_late_outcome():
 
 
 def rolled(stamps, positions, faces=(Face(1, 1.0, 0.05, 0.005, 0.001),)):
-    """Return the outcomes for positions, with the same faces seen all the time."""
+    """Return the outcomes and the watch for positions, with the same faces in each profile."""
     watch, outcomes = AttemptWatch(GIMBALL), []
     decision = Decision(Kind.CROSS, Reason.LIKELY, 0.5, '', step=1)
     speeds = np.gradient(positions, stamps)
@@ -134,7 +134,7 @@ def rolled(stamps, positions, faces=(Face(1, 1.0, 0.05, 0.005, 0.001),)):
     return outcomes, watch
 
 
-def test_a_ball_that_leans_against_a_step_is_stuck_after_a_while():
+def test_a_ball_held_by_a_step_is_stuck_after_a_timeout():
     stamps = np.arange(0.0, 6.0, 0.02)
     outcomes, _ = rolled(stamps, np.minimum(0.5 * stamps, 0.86))
     assert [item.result for item in outcomes] == ['stuck']
@@ -176,7 +176,7 @@ profiles = st.one_of(st.none(), st.builds(
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(st.floats(0.0, 0.3), numbers, numbers, profiles,
                           st.sampled_from(list(Kind))), max_size=30))
-def test_nothing_that_comes_in_raises_and_outcomes_are_finite(stream):
+def test_no_input_raises_an_error_and_outcomes_are_finite(stream):
     watch, now = AttemptWatch(GIMBALL), 0.0
     for passed, position, speed, profile, kind in stream:
         now += passed

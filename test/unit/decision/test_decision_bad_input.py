@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""For any sensor data: a clear answer, no angle beyond limits, no crossing beyond energy."""
+"""Any sensor data gives angles within limits and no crossing above the energy bound."""
 from dataclasses import replace
 from functools import lru_cache
 import math
@@ -21,14 +21,14 @@ from ballbot_ros.plant import Plant
 GIMBALL = load_robot('gimball')
 KNOWN = Knowledge(GIMBALL, load_curve('gimball_down'), load_decision_tuning('decision_default'))
 TUNING = KNOWN.tuning
-FURTHEST = max(math.pi / 2.0, TUNING.largest_swing, TUNING.emergency_lean)
+LARGEST_ANGLE = max(math.pi / 2.0, TUNING.largest_swing, TUNING.emergency_lean)
 
 anything = strategies.floats(allow_nan=True, allow_infinity=True)
 sane = strategies.floats(-1.0, 3.0)
 heights = strategies.one_of(strategies.floats(-0.3, 0.3), anything)
 numbers = strategies.one_of(sane, anything)
 small = strategies.one_of(strategies.just(0.0), strategies.floats(0.0, 0.02), anything)
-# Stamps that follow, repeat, go back, jump or are none, relative to now.
+# Ages of observations [s]: stamps may repeat, go back, jump, or not be finite.
 lags = strategies.one_of(strategies.floats(-0.1, 0.7), strategies.just(0.0), anything)
 steps = strategies.tuples(
     lags, strategies.booleans(), numbers, heights, small, small)
@@ -38,19 +38,19 @@ polylines = strategies.tuples(
 good = strategies.tuples(
     strategies.just(0.0), strategies.just(True), strategies.floats(0.3, 2.0),
     strategies.floats(0.0, 0.05), strategies.just(0.005), strategies.just(0.0005))
-looks = strategies.one_of(good, steps, polylines, strategies.none())
+inputs = strategies.one_of(good, steps, polylines, strategies.none())
 motions = strategies.one_of(
     strategies.tuples(strategies.floats(0.0, 0.05), strategies.floats(-0.02, 0.03), sane),
     strategies.tuples(strategies.floats(0.0, 0.05), anything, anything))
 
 
-def observation(look, now):
-    """Return what a sensor says, sane or not."""
-    if len(look) == 6:
-        lag, detected, distance, height, distance_sd, height_sd = look
+def observation(values, now):
+    """Return an observation, plausible or not."""
+    if len(values) == 6:
+        lag, detected, distance, height, distance_sd, height_sd = values
         return StepObservation(now - lag, detected, distance, height, distance_sd, height_sd)
-    lag, points, sd, frame, upright = look
-    # Upside down the ground is above the ball.
+    lag, points, sd, frame, upright = values
+    # A sensor mounted upside down measures the ground above the ball.
     floor = -GIMBALL.ball_radius if upright else GIMBALL.ball_radius
     x, z = tuple(point[0] for point in points), tuple(floor + point[1] for point in points)
     return TerrainObservation(now - lag, x, z, (sd,) * len(x), min(x, default=0.0),
@@ -59,30 +59,30 @@ def observation(look, now):
 
 @lru_cache(maxsize=None)
 def decider(planner):
-    """Return a decider; drawing its worlds takes longer than an example."""
+    """Return a cached decider: sampling its worlds takes longer than an example."""
     return Decider(KNOWN, planner)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('planner', PLANNERS)
-@given(stream=strategies.lists(strategies.tuples(looks, motions), min_size=1, max_size=12))
+@given(stream=strategies.lists(strategies.tuples(inputs, motions), min_size=1, max_size=12))
 @settings(max_examples=25, deadline=None)
-def test_for_any_data_the_answer_is_clear_and_within_limits(planner, stream):
+def test_for_any_data_the_decision_is_valid_and_within_limits(planner, stream):
     deciding, now, position = decider(planner), 0.0, 0.0
     deciding.reset()
-    for look, (passed, moved, speed) in stream:
+    for values, (passed, moved, speed) in stream:
         now, position = now + passed, position + moved
-        if look is not None:
-            deciding.observe(observation(look, now))
+        if values is not None:
+            deciding.observe(observation(values, now))
         deciding.move(Motion(now, position, speed))
         _, decision, angle = deciding.decide()
-        assert math.isfinite(angle) and abs(angle) <= FURTHEST
+        assert math.isfinite(angle) and abs(angle) <= LARGEST_ANGLE
         assert decision.explanation
-        most = TUNING.highest_speed if decision.kind is Kind.CROSS else TUNING.cruise_speed
-        assert 0.0 <= decision.set_speed <= most + 1e-9
+        limit = TUNING.highest_speed if decision.kind is Kind.CROSS else TUNING.cruise_speed
+        assert 0.0 <= decision.set_speed <= limit + 1e-9
         plan = decision.plan
         if plan is not None:
-            assert 0.0 <= plan.speed <= most + 1e-9
+            assert 0.0 <= plan.speed <= limit + 1e-9
             assert abs(plan.swing_angle) <= TUNING.largest_swing
         event(decision.kind.value)
         if decision.kind is Kind.CROSS:
@@ -100,7 +100,7 @@ def test_for_any_data_the_answer_is_clear_and_within_limits(planner, stream):
        slope=strategies.floats(-3.0, 3.0), speed=strategies.floats(0.0, 0.4),
        noise=strategies.floats(0.0, 0.004), latency=strategies.sampled_from([0.0, 0.2, 0.5]))
 @settings(max_examples=4, deadline=None)
-def test_stop_ends_at_rest_where_physics_allows_it(height, face, slope, speed, noise, latency):
+def test_a_stop_ends_at_rest_where_physically_possible(height, face, slope, speed, noise, latency):
     rise = math.tan(math.radians(slope))
     scene = load_scene('flat')
     terrain = Terrain([[-20.0, -(20.0 + face) * rise], [face, 0.0], [face, height],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bands: a table of heights, read between its speeds and never beyond them."""
+"""Bands: interpolation in a table of heights, without extrapolation."""
 import math
 
 from hypothesis import given, strategies
@@ -33,7 +33,7 @@ def test_probability_falls_with_height_and_quantiles_invert_it(speed, height, mo
     {'speeds': [0.2, 0.2]}, {'speeds': [0.2, math.inf]}, {'speeds': [[0.2, 0.4]]},
     {'probabilities': [0.1, 1.0]}, {'probabilities': [[0.0, 1.0]]}, {'seed': -1},
     {'probabilities': [0.0, 0.5, 0.5, 1.0], 'heights': 2 * [[0.01, 0.02, 0.03, 0.04]]}])
-def test_a_band_that_is_not_a_table_of_rising_numbers_is_refused(change):
+def test_a_band_that_is_not_a_table_of_increasing_numbers_is_refused(change):
     Band.from_mapping(FINE, 'here')
     with pytest.raises(ConfigurationError, match='here: '):
         Band.from_mapping({**FINE, **change}, 'here')
@@ -49,12 +49,12 @@ def test_bands_are_not_extrapolated():
 
 
 @pytest.mark.parametrize('name', FINE)
-def test_a_table_with_nothing_left_out_is_needed(name):
+def test_a_table_with_a_missing_field_is_refused(name):
     with refused('missing', name):
         Band.from_mapping({key: value for key, value in FINE.items() if key != name}, 'here')
 
 
-def test_between_speeds_and_probabilities_the_table_is_read_in_a_straight_line():
+def test_the_table_is_interpolated_linearly_in_speed_and_probability():
     band = Band.from_mapping(FINE, 'here')
     assert band.quantile(0.3, 0.25) == pytest.approx(0.0225)
     assert (band.quantile(0.2, 0.0), band.quantile(0.4, 1.0)) == (0.01, 0.04)
@@ -67,12 +67,12 @@ def test_between_speeds_and_probabilities_the_table_is_read_in_a_straight_line()
             band.quantile(0.3, probability)
 
 
-def test_lists_of_a_file_and_computed_tuples_make_the_same_band():
+def test_lists_of_a_file_and_computed_tuples_give_equal_bands():
     assert Band.from_mapping(FINE, 'here') == Band(
         2, 0, {}, (0.2, 0.4), (0.0, 1.0), ((0.01, 0.02), (0.03, 0.04)))
 
 
-def test_where_many_robots_fail_at_one_height_the_fewest_are_said_to_pass():
+def test_at_a_height_of_several_quantiles_the_lowest_probability_is_returned():
     band = Band.from_mapping({**FINE, 'probabilities': [0.0, 0.2, 0.6, 1.0],
                               'heights': 2 * [[0.01, 0.02, 0.02, 0.03]]}, 'here')
     assert band.probability_of_passing(0.3, 0.02) == pytest.approx(0.4)

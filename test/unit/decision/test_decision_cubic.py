@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The decision: never bold without reason, never a guess."""
+"""Decisions of the cubic planner: golden cases, margins, limits and invalid input."""
 from dataclasses import replace
 import math
 import re
@@ -79,7 +79,7 @@ def test_golden_cases(height, distance, speed, kind, reason):
     ({'distance': 0.4, 'speed': 0.3}, ['31', '0.40', '0', '90', '0.93', '0.59', '18']),
     ({'now': 1.0, 'stamp': 0.3}, ['0.70', '0.6']),
     ({'now': 1.0, 'stamp': 1.7}, ['0.70', '0.6'])])
-def test_the_explanation_has_the_numbers_in_it(where, numbers):
+def test_the_explanation_contains_the_numbers(where, numbers):
     assert re.findall(r'\d+\.?\d*', on(**where).explanation) == numbers
 
 
@@ -88,23 +88,23 @@ def test_an_observation_from_the_future_is_not_called_old():
     assert 'old' in old and 'ahead' in early and 'old' not in early
 
 
-def test_the_numbers_of_the_answer_are_those_of_the_step_and_its_margins():
+def test_the_answer_contains_the_numbers_of_the_step_and_its_margins():
     answer = on(0.031, 1.3, 0.5, sd=0.001)
     assert (answer.height, answer.distance, answer.step) == (0.031, 1.3, 1)
-    # Two deviations, with those of a bias, and 2 mm more in height, 8 % more in speed.
+    # Two standard deviations including the bias, plus 2 mm of height and 8 % of speed.
     conservative = 0.031 + 2.0 * math.hypot(0.001, TUNING.height_bias_sd) + 0.002
     assert answer.required_speed == pytest.approx(1.08 * CURVE.required_speed(conservative))
     room = 1.3 - touch_distance(GIMBALL.ball_radius, 0.031)
     braking = Braking(GIMBALL, TUNING, KNOWN.control)
     assert answer.reachable_speed == braking.touch_speed(0.5, 1.1, room, 0.0)
-    # What counts is the speed that is driven, not the one that could be reached.
+    # The outlook uses the driven speed, not the reachable one.
     driven = braking.touch_speed(0.5, answer.set_speed, room, 0.0)
     assert answer.required_speed <= driven < answer.reachable_speed
     assert answer.outlook.touch_speed == driven
     assert answer.height_margin == answer.outlook.height_limit - 0.031 > 0.0
 
 
-def test_the_probability_is_that_of_the_band_at_the_speed_driven():
+def test_the_probability_is_that_of_the_band_at_the_driven_speed():
     rule = cubic.CurveRule(CURVE, replace(TUNING, speed_margin=0.0, height_bias_sd=0.0))
 
     def probability(speed, height, sd):
@@ -112,7 +112,7 @@ def test_the_probability_is_that_of_the_band_at_the_speed_driven():
     for speed, height in ((0.7, 0.0256), (0.9, 0.036), (1.05, 0.0443)):
         assert probability(speed, height, 0.0) == pytest.approx(
             CURVE.band.probability_of_passing(speed, height))
-    # What is uncertain of the height draws it towards a half.
+    # Uncertainty of the height moves the probability towards one half.
     assert 0.5 < probability(0.7, 0.024, 0.002) < probability(0.7, 0.024, 0.0)
     assert 0.5 > probability(0.7, 0.027, 0.002) > probability(0.7, 0.027, 0.0)
     answer = on(0.031, 1.3, 0.5)
@@ -122,7 +122,7 @@ def test_the_probability_is_that_of_the_band_at_the_speed_driven():
         answer.outlook.touch_speed, 1.0 - TUNING.required_probability)
 
 
-def test_more_confidence_asks_for_more_speed():
+def test_a_higher_required_probability_requires_more_speed():
     def required(probability):
         return cubic.CurveRule(CURVE, replace(
             TUNING, required_probability=probability, sigma_margin=0.0, height_margin=0.001)
@@ -137,32 +137,32 @@ def test_the_margin_is_unknown_below_the_curve_and_negative_above_it():
     assert on(0.08, 2.0).height_margin < -0.035
 
 
-def test_a_deviation_below_zero_is_refused():
+def test_a_negative_standard_deviation_is_refused():
     assert on(sd=-0.01).reason is Reason.BAD_OBSERVATION
     assert on(sd=0.01).reason is not Reason.BAD_OBSERVATION
 
 
-def test_backwards_is_as_slow_as_at_rest():
+def test_a_ball_that_rolls_back_reaches_the_same_speed_as_one_at_rest():
     assert on(speed=-0.4).reachable_speed == on(speed=0.0).reachable_speed
 
 
 @pytest.mark.parametrize('where, speed', [
-    ({'height': 0.0}, 0.4),                         # as fast as it cruises
-    ({}, 0.98),                                     # a headroom above what is asked for
-    ({'height': 0.0375, 'distance': 1.5}, 1.1),     # no faster than allowed
+    ({'height': 0.0}, 0.4),                         # the cruise speed
+    ({}, 0.98),                                     # headroom above the required speed
+    ({'height': 0.0375, 'distance': 1.5}, 1.1),     # the highest speed
     ({'distance': 0.4, 'speed': 0.3}, 0.0), ({'distance': 0.2, 'speed': 1.4}, 0.0)])
 def test_the_set_speed(where, speed):
     assert on(**where).set_speed == pytest.approx(speed, abs=0.005)
 
 
 @pytest.mark.parametrize('height, kind', [(0.08, 'go_round'), (-0.03, 'stop'), (0.5, 'go_round')])
-def test_it_stands_with_the_gap_before_what_it_does_not_cross(height, kind):
+def test_the_ball_stops_with_the_gap_before_a_refused_step(height, kind):
     answer = on(height, 2.0)
     assert (answer.kind.value, answer.set_speed) == (kind, TUNING.cruise_speed)
     assert answer.plan.stop_position == 2.0 - GIMBALL.ball_radius - TUNING.stop_gap
     near = on(height, 0.6, 0.2)
     assert 0.0 < near.set_speed < TUNING.cruise_speed
-    # Where there is no such room, immediately; not back over ground that may not be free.
+    # Without that room it stops immediately, and does not roll back over unknown ground.
     immediate = on(height, 0.4, 0.2)
     assert immediate.set_speed == 0.0 and immediate.plan.stop_position == math.inf
     step = Face(1, 0.4, height, 0.01, 0.0)
@@ -184,26 +184,26 @@ def test_past_the_last_braking_point_the_ball_brakes_before_a_step_down(height):
 
 
 @pytest.mark.parametrize('reason', ['now', 'rejection'])
-def test_a_stop_for_its_observation_still_names_the_step(reason):
+def test_a_stop_because_of_an_observation_still_names_the_step(reason):
     answer = on(**{'now': {'now': 1.0, 'stamp': 0.0},
                    'rejection': {'rejection': Reason.CONTRADICTORY}}[reason])
     assert (answer.step, answer.distance, answer.set_speed) == (1, 0.8, 0.0)
 
 
-def test_an_observation_without_a_step_is_refused_for_its_age_too():
+def test_an_old_observation_without_a_step_is_refused():
     answer = planner()(Situation(Motion(1.0, 0.0, 0.4), Profile(0.0)), None)
     assert (answer.reason, answer.step) == (Reason.STALE, 0)
     assert math.isnan(answer.distance)
 
 
-def test_nothing_ahead_is_cruised():
+def test_without_a_step_ahead_the_ball_cruises():
     answer = planner()(Situation(Motion(0.1, 0.0, 0.4), Profile(0.0)), None)
     assert answer.kind is Kind.CLEAR and answer.set_speed == TUNING.cruise_speed
     assert on(distance=0.0).kind is Kind.CLEAR and on(distance=1e-6).kind is not Kind.CLEAR
 
 
 @given(heights, distances, speeds, strategies.floats(0.0, 0.01))
-def test_crossing_is_only_tried_when_fast_enough_at_touch(height, distance, speed, sd):
+def test_a_crossing_requires_sufficient_speed_at_touch(height, distance, speed, sd):
     answer = on(height, distance, speed, sd=sd)
     if answer.kind is not Kind.CROSS:
         assert 0.0 <= answer.set_speed <= TUNING.cruise_speed
@@ -227,17 +227,17 @@ def test_crossing_is_only_tried_when_fast_enough_at_touch(height, distance, spee
 @given(heights, heights, distances, speeds)
 def test_a_higher_step_is_never_easier(one, other, distance, speed):
     low, high = on(min(one, other), distance, speed), on(max(one, other), distance, speed)
-    # More height also means an earlier touch, so less room: both work the same way.
+    # A higher step is also touched earlier, with less room: both make it harder.
     if high.kind is Kind.CROSS and high.reason is not Reason.COMMITTED \
             and low.reason is not Reason.DROP:
-        # Braking has more room before a low step: it can only be touched slower.
-        # It also takes less of the speed: what lies behind may be too near.
+        # There is more room to brake before a low step: the touch can only be slower.
+        # The ball also loses less speed: the next face may be too near.
         assert low.kind is Kind.CROSS or low.reason is Reason.LANDING
         assert low.required_speed <= high.required_speed
 
 
 @given(anything, anything, anything, anything, anything, anything)
-def test_nothing_that_is_not_finite_is_crossed(height, distance, speed, sd, now, stamp):
+def test_no_step_is_crossed_if_a_value_is_not_finite(height, distance, speed, sd, now, stamp):
     answer = on(height, distance, speed, sd=sd, now=now, stamp=stamp)
     if not all(map(math.isfinite, (height, distance, speed, sd, now, stamp))):
         assert answer.kind is Kind.STOP
@@ -246,17 +246,17 @@ def test_nothing_that_is_not_finite_is_crossed(height, distance, speed, sd, now,
 
 @pytest.mark.parametrize('name', ['height', 'distance', 'sd'])
 @pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf])
-def test_a_step_that_is_not_finite_stops(name, bad):
+def test_a_step_with_a_value_that_is_not_finite_stops_the_ball(name, bad):
     answer = on(**{name: bad}, previous=crossing())
     assert (answer.kind, answer.reason) == (Kind.STOP, Reason.BAD_OBSERVATION)
 
 
 @pytest.mark.parametrize('speed, now', [(math.nan, 0.0), (math.inf, 0.0), (0.4, math.nan)])
-def test_odometry_that_is_not_finite_stops(speed, now):
+def test_odometry_that_is_not_finite_stops_the_ball(speed, now):
     assert on(speed=speed, now=now).reason is Reason.BAD_OBSERVATION
 
 
-def test_old_missing_and_future_observations_stop():
+def test_old_missing_and_future_observations_stop_the_ball():
     assert on(now=10.0, stamp=9.41).kind is Kind.CROSS
     for stamp in (9.39, 0.0, 10.7):
         answer = on(now=10.0, stamp=stamp)
@@ -266,13 +266,13 @@ def test_old_missing_and_future_observations_stop():
 
 
 @pytest.mark.parametrize('reason', [Reason.BAD_OBSERVATION, Reason.CONTRADICTORY])
-def test_a_rejected_observation_stops_with_its_reason(reason):
+def test_a_rejected_observation_stops_the_ball_with_its_reason(reason):
     answer = on(rejection=reason)
     assert (answer.kind, answer.reason) == (Kind.STOP, reason)
     assert 'it is a test' in answer.explanation
 
 
-def test_a_plan_is_kept_while_it_is_likely_enough():
+def test_a_plan_is_kept_while_it_is_sufficiently_probable():
     assert on(distance=0.87, speed=0.4).reason is Reason.NO_ROOM
     decide = planner()
     first = on(distance=0.92, speed=0.4, decide=decide)
@@ -280,21 +280,21 @@ def test_a_plan_is_kept_while_it_is_likely_enough():
     kept = on(distance=0.87, speed=0.4, previous=first, decide=decide)
     assert (kept.kind, kept.set_speed) == (Kind.CROSS, first.set_speed)
     assert kept.outlook.probability >= 0.85
-    # Far too slow now, and the ball can still be stopped.
+    # The ball is far too slow now, and can still stop.
     assert on(distance=0.5, speed=0.3, previous=kept, decide=decide).kind is Kind.STOP
-    # A step that turns out much lower is not taken as fast as before.
+    # If the step is measured much lower, the set speed falls.
     decide = planner()
     fast = on(0.0375, 1.5, decide=decide)
     assert fast.set_speed == 1.1
     assert on(0.01, 1.4, previous=fast, decide=decide).set_speed < 0.7
 
 
-def test_an_unavoidable_step_is_crossed_and_not_hit():
+def test_past_the_last_braking_point_a_step_is_crossed_if_the_speed_suffices():
     assert on(distance=0.15, speed=0.88).reason is Reason.COMMITTED
     assert on(distance=0.15, speed=0.7).kind is Kind.STOP
 
 
-def test_a_refused_crossing_is_not_resumed_without_news():
+def test_a_refused_crossing_is_resumed_only_for_a_lower_step():
     decide = planner()
     refused = on(distance=0.87, speed=0.4, decide=decide)
     assert refused.kind is Kind.STOP
@@ -317,7 +317,7 @@ def test_a_steep_stretch_before_the_next_step_limits_the_room_behind_this_one():
         assert answer.reason is reason
 
 
-def test_a_plan_is_for_one_step_only():
+def test_a_plan_applies_to_one_step_only():
     decide = planner()
     first = on(distance=0.92, speed=0.4, decide=decide)
     step = Face(2, 0.87, 0.031, 0.01, 0.0005)
@@ -330,19 +330,19 @@ def in_contact(decide):
     return on(distance=0.1, speed=0.1, now=1.0, previous=started, decide=decide)
 
 
-def test_in_contact_it_pushes_until_the_centre_has_passed():
+def test_in_contact_the_ball_pushes_until_its_centre_has_passed():
     decide = planner()
     answer = in_contact(decide)
     assert (answer.kind, answer.reason) == (Kind.CROSS, Reason.COMMITTED)
     assert (answer.contact_since, answer.distance) == (1.0, 0.1)
-    # Slow, old and contradictory: nothing of it matters with the face below the ball.
+    # Low speed, age and contradictions do not matter with the face below the ball.
     answer = on(distance=0.05, speed=0.0, now=2.0, stamp=0.0, previous=answer, decide=decide,
                 rejection=Reason.CONTRADICTORY)
     assert answer.kind is Kind.CROSS and answer.contact_since == 1.0
 
 
 @pytest.mark.parametrize('now, kind', [(3.9, Kind.CROSS), (4.1, Kind.STOP), (0.9, Kind.STOP)])
-def test_pushing_has_a_timeout_and_a_clock_set_back_ends_it(now, kind):
+def test_pushing_has_a_timeout_and_ends_if_the_clock_is_set_back(now, kind):
     decide = planner()
     pushing = in_contact(decide)
     assert on(distance=0.1, speed=0.0, now=now, previous=pushing, decide=decide).kind is kind

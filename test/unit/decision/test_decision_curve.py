@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Curves: read, refused, inverted, and never evaluated where they do not hold."""
+"""Height curves: loading, refusals, inversion, and no extrapolation."""
 import math
 
 from hypothesis import given, strategies
@@ -25,7 +25,7 @@ def test_shipped_curves_load_and_cover_the_published_speeds(name):
 
 
 @pytest.mark.parametrize('name', SHIPPED)
-def test_the_conservative_variant_is_the_other_cubic_and_wants_no_margin(name):
+def test_the_conservative_variant_is_the_other_cubic_and_needs_no_margin(name):
     fit, conservative = load_curve(name), load_curve(name, 'conservative')
     assert conservative.coefficients == fit.conservative != fit.coefficients
     assert conservative.residual == 0.0 < fit.residual
@@ -41,7 +41,7 @@ def test_published_crossings_lie_below_the_curves(name, speed, millimetres):
 
 @pytest.mark.parametrize('name', [SHIPPED[0], *slow(*SHIPPED[1:])])
 @given(height=strategies.floats(-0.1, 0.2))
-def test_required_speed_is_the_lowest_that_is_enough(name, height):
+def test_the_required_speed_is_the_lowest_sufficient_one(name, height):
     curve = load_curve(name)
     speed = curve.required_speed(height)
     if speed is None:
@@ -62,14 +62,14 @@ def test_the_cubic_is_never_extrapolated(speed):
             curve.height(speed)
 
 
-def test_not_a_number_has_no_required_speed():
+def test_a_height_that_is_not_finite_has_no_required_speed():
     assert HeightCurve(**FINE).required_speed(math.nan) is None
     assert HeightCurve(**FINE).required_speed(math.inf) is None
 
 
 @pytest.mark.parametrize('change, reason, field', [
     ({'highest_speed': 0.2}, 'inconsistent', 'highest_speed'),
-    ({'highest_speed': 5.0}, 'inconsistent', 'coefficients'),      # turns over
+    ({'highest_speed': 5.0}, 'inconsistent', 'coefficients'),      # has a maximum
     ({'coefficients': [0.0, 0.01, -0.01, 0.0033]}, 'inconsistent', 'coefficients'),  # a dip
     ({'coefficients': [0.0, 0.0, 0.0, 0.0]}, 'inconsistent', 'coefficients'),
     ({'coefficients': [0.0, 1.0, 1.0]}, 'wrong_type', 'coefficients'),
@@ -92,7 +92,7 @@ def test_unusable_curves_are_refused(change, reason, field):
 
 @pytest.mark.parametrize('slope, rises', [(1e-6, True), (-1e-6, False)])
 @pytest.mark.parametrize('bend', [0.5, 0.7, 1.1])
-def test_the_flattest_place_of_a_curve_decides_whether_it_rises(slope, rises, bend):
+def test_the_least_slope_of_a_curve_decides_whether_it_rises(slope, rises, bend):
     # d(height)/d(speed) = slope + (speed - bend)^2
     cubic = {**FINE, 'coefficients': [0.0, slope + bend**2, -bend, 1.0 / 3.0]}
     if rises:
@@ -104,8 +104,8 @@ def test_the_flattest_place_of_a_curve_decides_whether_it_rises(slope, rises, be
 
 
 @pytest.mark.parametrize('a2, place', [(0.2, 0.2), (-0.2, 1.2)])
-def test_a_parabola_is_flattest_at_an_end(a2, place):
-    # It rises from the one end on, or until the other.
+def test_the_slope_of_a_parabola_is_least_at_an_end_of_its_range(a2, place):
+    # Its vertex is near the lowest or the highest speed.
     for more, rises in ((1e-6, True), (-1e-6, False)):
         parabola = {**FINE, 'coefficients': [0.0, more - 2.0 * a2 * place, a2, 0.0]}
         if rises:
@@ -131,14 +131,14 @@ MADE = {'robot_digest': '0', 'law': 'free', 'surface_friction': 0.2, 'edge_frict
     ('out_of_range', {'surface_friction': -0.1}), ('out_of_range', {'edge_friction': -0.1}),
     ('out_of_range', {'accuracy': 0.0}), ('out_of_range', {'points': 3}),
     ('not_a_choice', {'attempts': 'second'}), ('unknown_name', {'colour': 'red'})])
-def test_how_a_curve_was_made_is_checked(reason, change):
+def test_the_provenance_of_a_curve_is_checked(reason, change):
     made = HeightCurve(**FINE, made={**MADE, 'surface_friction': 0.0, 'edge_friction': 0.0}).made
     assert (made.set_angle, made.voltage, made.points) == (0.0, 0.0, 4)
     with refused(reason, next(iter(change))):
         HeightCurve(**FINE, made={**MADE, **change})
 
 
-def test_file_without_coefficients_is_refused_by_name(tmp_path):
+def test_a_file_without_coefficients_is_refused_with_the_name_of_the_field(tmp_path):
     path = tmp_path / 'mine.yaml'
     path.write_text('\n'.join(
         f'{key}: {value}' for key, value in FINE.items() if key != 'coefficients'))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A curve that is written is read again, and says where it came from."""
+"""Curve files: a written curve loads unchanged, and its file names the source."""
 from dataclasses import replace
 
 import pytest
@@ -15,7 +15,7 @@ PLAIN = HeightCurve('mine', 'gimball', 'free', 'a test', 0.2, 1.2, 0.0,
 
 
 @pytest.mark.parametrize('curve', [*map(load_curve, SHIPPED), PLAIN], ids=[*SHIPPED, 'plain'])
-def test_a_written_curve_is_read_again(tmp_path, curve):
+def test_a_written_curve_loads_unchanged(tmp_path, curve):
     path = tmp_path / 'again.yaml'
     path.write_text(curve_text(curve, 'GimBall crosses', 'a test'))
     assert load_curve(str(path)) == curve
@@ -30,7 +30,7 @@ def test_unknown_values_are_left_out_and_a_table_has_a_line_for_each_row(curve):
                             'highest_speed', 'residual', 'rms', 'coefficients',
                             *(name for name in ('conservative', 'covariance', 'made', 'band')
                               if getattr(curve, name))}
-    # A mapping takes a line for each key, a row of numbers one of its own.
+    # Each key of a mapping and each row of numbers has its own line.
     lines = text.splitlines()
     assert max(map(len, lines)) <= 99
     assert f'robot: {curve.robot}' in lines
@@ -41,7 +41,7 @@ def test_unknown_values_are_left_out_and_a_table_has_a_line_for_each_row(curve):
         curve.band.heights if curve.band else ())
 
 
-def test_a_long_text_is_wrapped_and_read_again(tmp_path):
+def test_a_long_text_is_wrapped_and_loads_unchanged(tmp_path):
     curve = replace(PLAIN, source=' '.join(200 * ['word']))
     text = curve_text(curve, curve.source, 'a test')
     assert max(map(len, text.splitlines())) < 110
@@ -49,12 +49,12 @@ def test_a_long_text_is_wrapped_and_read_again(tmp_path):
     assert load_curve(str(tmp_path / 'long.yaml')) == curve
 
 
-def test_the_comment_says_what_it_is_and_who_wrote_it_in_lines_that_can_be_read():
+def test_the_comment_at_the_top_describes_the_curve_and_names_its_author():
     text = curve_text(PLAIN, 'GimBall crosses', 'a test')
     comment = [line for line in text.splitlines() if line.startswith('#')]
     joined = ' '.join(line.lstrip('# ') for line in comment)
     assert 'How high a step GimBall crosses' in joined and 'a test' in joined
-    assert text.splitlines()[:len(comment)] == comment, 'a comment goes before all else'
+    assert text.splitlines()[:len(comment)] == comment, 'the comment must come first'
 
 
 def test_numbers_are_rounded_to_a_nanometre_and_their_covariance_to_four_digits():

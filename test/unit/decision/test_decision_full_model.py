@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole loop on the full model, with impact and slip, and odometry from the ball angle."""
+"""Closed loop with the full model, with impact and slip, and odometry from the ball angle."""
 from dataclasses import replace
 import math
 
@@ -21,7 +21,7 @@ KNOWN = Knowledge(GIMBALL, load_curve('gimball_down'), TUNING)
 
 
 def sloped(height, at, slope):
-    """Return a slope with a step in it."""
+    """Return a slope with a step."""
     far, rise = 20.0, math.tan(slope)
     return Terrain([[-far, -(far + at) * rise], [at, 0.0], [at, height],
                     [far, height + (far - at) * rise]])
@@ -29,7 +29,7 @@ def sloped(height, at, slope):
 
 def drive(height, face, *, seconds=8.0, speed=0.0, slope=0.0, reported=None, latency=0.0,
           far_behind=0.0):
-    """Return the plant after some seconds, positions by time, and decisions; 50 Hz."""
+    """Return the final state, and rows (time, x, speed) and decisions at 50 Hz."""
     scene = load_scene('flat')
     model = replace(scene.model, terrain=sloped(height, face, slope), solver=Solver(step=5e-4))
     start = model.at_rest(-far_behind)
@@ -64,18 +64,18 @@ def drive(height, face, *, seconds=8.0, speed=0.0, slope=0.0, reported=None, lat
 
 
 def changes(decisions):
-    """Return how often the mind was changed until the face was passed."""
+    """Return the number of decision changes before the face is passed."""
     kinds = [decision.kind for decision in decisions if decision.kind is not Kind.CLEAR]
     return sum(one is not other for one, other in zip(kinds, kinds[1:]))
 
 
 @pytest.mark.parametrize('height, face, latency', [
     *slow((0.031, 1.2, 0.0), (0.010, 0.6, 0.0)), (0.020, 1.5, 0.5)])
-def test_a_step_decided_to_be_crossed_is_crossed(height, face, latency):
+def test_a_step_is_crossed_as_decided(height, face, latency):
     state, rows, decisions = drive(height, face, latency=latency)
     kinds = [item.kind for item in decisions if item.reason is not Reason.STALE]
     assert Kind.CROSS in kinds and kinds[-1] is Kind.CLEAR
-    assert changes(decisions) == (1 if latency else 0)   # STALE until the first look arrives
+    assert changes(decisions) == (1 if latency else 0)   # STALE before the first observation
     assert state.x > face + 0.3
     assert state.y == pytest.approx(GIMBALL.ball_radius + height, abs=0.005)
 
@@ -83,7 +83,7 @@ def test_a_step_decided_to_be_crossed_is_crossed(height, face, latency):
 @pytest.mark.parametrize('height, face, speed, slope', [
     *slow((0.080, 1.2, 0.0, 0.0), (0.080, 2.0, 0.4, -2.0), (-0.100, 1.5, 0.4, -0.5),
           (-0.100, 2.0, 0.4, -3.0), (-0.100, 1.5, 0.4, 3.0)), (0.300, 1.5, 0.4, -1.0)])
-def test_before_what_it_does_not_cross_it_stands_with_the_gap(height, face, speed, slope):
+def test_the_ball_stops_with_the_gap_before_a_refused_step(height, face, speed, slope):
     state, rows, decisions = drive(height, face, speed=speed, slope=math.radians(slope),
                                    seconds=12.0)
     assert {item.kind for item in decisions} <= {Kind.GO_ROUND, Kind.STOP}
@@ -93,8 +93,8 @@ def test_before_what_it_does_not_cross_it_stands_with_the_gap(height, face, spee
     assert min(face - x - GIMBALL.ball_radius for _, x, _ in rows) > TUNING.stop_gap - 0.08
 
 
-def test_braking_room_says_where_braking_still_works():
-    # Cruising at 0.9 m/s when the drop is reported at last.
+def test_a_negative_braking_room_predicts_a_fall():
+    # The ball cruises at 0.9 m/s when the sensor first reports the drop.
     for more, falls in ((0.15, False), (-0.6, True)):
         room = 1.0 + more
         state, rows, decisions = drive(-0.1, room, speed=0.9, seconds=4.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Observations are checked against odometry; single ones that are wrong are lost, no more."""
+"""Observations are checked against odometry; single wrong observations are ignored."""
 import numpy as np
 import pytest
 
@@ -16,7 +16,7 @@ SPEED, PERIOD = 0.4, 0.02
 
 
 def terrain(stamp, position, x, face=1.5, height=0.03, slope=0.0, noise=0.0, seed=0):
-    """Return what a camera shows at relative positions x of a step on a slope."""
+    """Return a camera observation of a step on a slope, at positions x relative to the ball."""
     place = np.asarray(x) + position
     z = slope * np.asarray(x) + np.where(place > face, height, 0.0) - RADIUS
     z += noise * np.random.default_rng(seed).standard_normal(len(z))
@@ -24,13 +24,13 @@ def terrain(stamp, position, x, face=1.5, height=0.03, slope=0.0, noise=0.0, see
 
 
 def step(stamp, position, face=1.5, height=0.03):
-    """Return what a step sensor shows."""
+    """Return an observation of a step sensor."""
     return StepObservation(stamp, True, face - position, height, 0.005, 0.001)
 
 
-def drive(fusion, make, count, begin=0, speed=SPEED):
-    """Let a ball roll, with an observation in each period, and return the last profile."""
-    for number in range(begin, begin + count):
+def drive(fusion, make, count, start=0, speed=SPEED):
+    """Fuse the motion and observations of each period, and return the last profile."""
+    for number in range(start, start + count):
         stamp = PERIOD * number
         fusion.move(Motion(stamp, speed * stamp, speed))
         for observation in make(stamp, speed * stamp):
@@ -56,7 +56,7 @@ def test_a_frozen_sensor_is_rejected_though_its_stamps_advance(make):
         return [type(item)(stamp, *list(vars(item).values())[1:]) for item in make(0.98, 0.392)]
     profile = drive(fusion, frozen, 20, 50)
     assert profile.rejection is Reason.BAD_OBSERVATION and 'frozen' in profile.explanation
-    # As it was, not as the repeated data show it.
+    # The face does not move along with the repeated data.
     assert profile.faces[0].position == pytest.approx(before.faces[0].position, abs=1e-3)
     assert drive(fusion, make, 10, 70).rejection is None
 
@@ -71,13 +71,13 @@ def test_a_frozen_sensor_with_noise_is_rejected_before_its_step_has_moved_far():
 
 
 @pytest.mark.parametrize('kind', ['step', 'terrain'])
-def test_a_sensor_at_rest_may_repeat_itself(kind):
+def test_a_sensor_at_rest_may_repeat_its_observation(kind):
     def make(stamp, position):
         return [step(stamp, position) if kind == 'step' else terrain(stamp, position, EVEN)]
     assert drive(GroundFusion(GIMBALL, TUNING), make, 100, speed=0.0).rejection is None
 
 
-def test_single_wrong_observations_are_lost_and_many_in_a_row_are_not():
+def test_single_wrong_observations_are_ignored_and_consecutive_ones_are_reported():
     fusion = GroundFusion(GIMBALL, TUNING)
     drive(fusion, lambda stamp, position: [step(stamp, position)], 20)
     wrong = StepObservation(0.4, True, -1.0, 0.03)
@@ -85,11 +85,11 @@ def test_single_wrong_observations_are_lost_and_many_in_a_row_are_not():
         profile = drive(fusion, lambda stamp, position: [
             StepObservation(stamp, True, wrong.distance, 0.03)], 1, 20 + number)
         assert (profile.rejection is not None) == rejected
-        assert profile.stamp == pytest.approx(0.38)  # of the last one that is good
+        assert profile.stamp == pytest.approx(0.38)  # of the last valid one
     assert drive(fusion, lambda stamp, position: [step(stamp, position)], 1, 24).rejection is None
 
 
-def test_an_observation_that_overtook_another_is_lost():
+def test_an_observation_out_of_order_is_ignored():
     fusion = GroundFusion(GIMBALL, TUNING)
     drive(fusion, lambda stamp, position: [step(stamp, position)], 20)
     late = step(0.30, 0.12)
@@ -100,7 +100,7 @@ def test_an_observation_that_overtook_another_is_lost():
 @pytest.mark.parametrize('slope', [-0.05, 0.0, 0.05])
 @pytest.mark.parametrize('noise', [0.0, 0.001])
 def test_a_camera_with_rays_at_equal_angles_shows_steps_far_ahead(slope, noise):
-    """A gap that is usual at its distance is none; a descent hides nothing."""
+    """The normal spacing at a distance is not a gap, and a descent occludes nothing."""
     fusion = GroundFusion(GIMBALL, TUNING)
     profile = drive(fusion, lambda stamp, position: [terrain(
         stamp, position, ANGLES, 2.2, 0.03, slope, noise, round(1e3 * stamp))], 100)
@@ -110,7 +110,7 @@ def test_a_camera_with_rays_at_equal_angles_shows_steps_far_ahead(slope, noise):
     assert face.height == pytest.approx(0.03, abs=max(0.004, 3.0 * face.height_sd))
 
 
-def test_lone_outliers_make_no_faces_and_a_face_that_stays_is_seen():
+def test_single_outliers_make_no_faces_and_a_persistent_face_is_found():
     random = np.random.default_rng(0)
 
     def make(stamp, position):
@@ -132,7 +132,7 @@ def test_lone_outliers_make_no_faces_and_a_face_that_stays_is_seen():
 
 @pytest.mark.parametrize('high', [-0.15, -0.08, 0.045, 0.1])
 def test_an_outlier_in_occluded_ground_makes_no_face(high):
-    """No later scan observes the ground behind an edge, and corrects the outlier."""
+    """The edge occludes the ground in later scans, so that none corrects the outlier."""
     def make(stamp, position):
         x = np.array(EVEN)
         place = x + position
@@ -156,7 +156,7 @@ def test_an_outlier_in_occluded_ground_makes_no_face(high):
 @pytest.mark.parametrize('wall', [0, 2000])
 @pytest.mark.parametrize('largest', [0.03, 0.3])
 def test_outliers_of_one_point_in_thirty_make_no_face(largest, wall):
-    """With most of the rays on a wall, too: those have no slope."""
+    """This also holds with most of the rays on a wall, where they give no slope."""
     floor = np.linspace(-0.3, 2.5, 1400)
 
     def make(stamp, position):
@@ -198,7 +198,7 @@ def test_a_face_that_some_observations_miss_keeps_its_number():
     assert sum(one != other for one, other in zip(found, found[1:])) <= 1 and found[-1]
 
 
-def test_an_edge_enters_at_one_height_and_leaves_at_a_lower_one():
+def test_the_height_threshold_of_the_edge_map_has_hysteresis():
     edges = EdgeMap(5.0)
     edge = edges.start(certain=True)
 
@@ -212,22 +212,22 @@ def test_an_edge_enters_at_one_height_and_leaves_at_a_lower_one():
 
 @pytest.mark.parametrize('camera', [False, True])
 def test_a_stretch_that_is_too_steep_is_found_before_the_drop_at_its_end(camera):
-    """A stretch that touches a face does not belong to it."""
+    """A stretch that ends at a face is not a part of it."""
     points = ((-0.2, 0.0), (1.0, 0.0), (1.3, -0.06), (1.3, -0.2), (3.0, -0.2))
     profile = Profile(0.0, (Face(1, 1.3, -0.14, 0.01, 0.001),), points,
                       points_sd=(0.001,) * 5 if camera else ())
-    (begin, slope), = steep_stretches(profile, 0.15)
-    assert begin == 1.0 and slope == pytest.approx(-0.197, abs=0.002)
+    (start, slope), = steep_stretches(profile, 0.15)
+    assert start == 1.0 and slope == pytest.approx(-0.197, abs=0.002)
     assert steep_stretches(profile, 0.21) == []
 
 
-def test_the_ground_goes_on_with_its_slope_beyond_the_last_point():
+def test_the_ground_is_extrapolated_with_its_slope_beyond_the_last_point():
     floor = GroundProfile(((0.0, 0.0), (2.0, -0.1)), 0.0)
     assert floor.rise(1.0, 3.0) == pytest.approx(-0.1, abs=1e-4)
     assert GroundProfile((), 0.05).rise(0.0, 1.0) == pytest.approx(0.05, abs=1e-3)
 
 
-def test_a_detection_close_to_a_drop_does_not_take_its_place():
+def test_a_detection_close_to_a_drop_does_not_replace_it():
     edges = EdgeMap(5.0)
     drop = Face(0, 1.356, -0.13, 0.01, 0.001)
     known = edges.start(True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Goals in closed loop: the ball drives to a place, or over a step, and ends at rest."""
+"""Goals in closed loop: the ball drives to a position, or over a step, and ends at rest."""
 from dataclasses import replace
 import math
 
@@ -22,7 +22,7 @@ NAN, INF = math.nan, math.inf
 
 
 class Ride:
-    """A ball at rest before a step, or on a floor without one, that sees perfectly."""
+    """Closed loop of a ball before a step, or on a floor without one, with an exact sensor."""
 
     def __init__(self, height=0.0, face=3.0, seen=True):
         ground = [[-9.0, 0.0], [face, 0.0], [face, height], [20.0, height]] if height else [
@@ -40,7 +40,7 @@ class Ride:
         return Motion(state.time, state.x, state.velocity_x)
 
     def tick(self):
-        """Go on by 20 ms; return how the goal ended, if it has."""
+        """Advance by 20 ms, and return the end of the goal, or None."""
         now = self.motion
         distance = self.face - now.position
         detected = bool(self.height) and distance > 0.05
@@ -58,23 +58,23 @@ class Ride:
         return self.decider.end
 
     def drive(self, target, limit=0.0, timeout=0.0):
-        """Set the goal to be at a place."""
+        """Set the goal to drive to a position."""
         self.decider.goals.begin(DriveGoal(
             self.motion, target, limit, 0.0, timeout, TUNING, GIMBALL.ball_radius,
             self.decider.free_from))
 
     def until_the_end(self, seconds=40.0):
-        """Go on until the goal has ended; return how."""
+        """Advance until the goal has ended, and return its end."""
         for _ in range(int(seconds / 0.02)):
             end = self.tick()
             if end is not None:
                 assert abs(self.motion.speed) < 0.05
                 return end
-        raise AssertionError(f'no end; {self.decider.decision}')
+        raise AssertionError(f'the goal has not ended: {self.decider.decision}')
 
 
 @pytest.mark.slow
-def test_the_ball_drives_to_a_place_rests_there_and_stays():
+def test_the_ball_drives_to_a_position_and_stays_there():
     ride = Ride()
     ride.drive(2.0)
     assert ride.until_the_end().ending is Ending.REACHED
@@ -96,14 +96,14 @@ def test_a_goal_behind_is_reached_where_the_ground_is_known_to_be_free():
         ride.drive(-0.5)
 
 
-def test_the_speed_limit_holds_on_the_way():
+def test_the_speed_limit_holds_while_driving():
     ride = Ride()
     ride.drive(1.0, limit=0.2)
     assert ride.until_the_end().ending is Ending.REACHED
     assert ride.fastest < 0.25
 
 
-def test_canceled_on_the_way_the_ball_rests_before_the_result():
+def test_a_canceled_goal_ends_with_the_ball_at_rest():
     ride = Ride()
     ride.drive(5.0)
     while ride.motion.speed < 0.35:
@@ -113,14 +113,14 @@ def test_canceled_on_the_way_the_ball_rests_before_the_result():
     assert end.ending is Ending.CANCELED and ride.motion.position < 2.0
 
 
-def test_a_goal_that_takes_too_long_ends_in_rest():
+def test_a_goal_that_times_out_ends_with_the_ball_at_rest():
     ride = Ride()
     ride.drive(5.0, timeout=2.0)
     end = ride.until_the_end()
     assert end.ending is Ending.TIMED_OUT and '2 s' in end.message
 
 
-def test_a_goal_behind_a_step_too_high_is_blocked_with_the_words_of_the_decision():
+def test_a_goal_behind_a_step_too_high_is_blocked_with_the_explanation_of_the_decision():
     ride = Ride(height=0.12)
     ride.drive(6.0)
     end = ride.until_the_end()
@@ -130,7 +130,7 @@ def test_a_goal_behind_a_step_too_high_is_blocked_with_the_words_of_the_decision
     assert ride.motion.position < ride.face - GIMBALL.ball_radius
 
 
-def test_a_goal_behind_a_low_step_is_reached_over_it():
+def test_a_goal_behind_a_low_step_is_reached_by_crossing_it():
     ride = Ride(height=0.02)
     ride.drive(4.5)
     assert ride.until_the_end().ending is Ending.REACHED
@@ -138,7 +138,7 @@ def test_a_goal_behind_a_low_step_is_reached_over_it():
     assert ride.loop.state.y == pytest.approx(GIMBALL.ball_radius + 0.02, abs=0.002)
 
 
-def test_a_goal_on_the_edge_of_a_step_is_not_tried():
+def test_a_goal_on_the_edge_of_a_step_is_blocked():
     ride = Ride(height=0.02)
     ride.drive(3.1)
     end = ride.until_the_end()
@@ -146,7 +146,7 @@ def test_a_goal_on_the_edge_of_a_step_is_not_tried():
     assert ride.motion.position < ride.face - GIMBALL.ball_radius
 
 
-def test_a_step_that_takes_more_than_the_limit_is_not_crossed():
+def test_a_step_that_requires_more_than_the_speed_limit_is_not_crossed():
     ride = Ride(height=0.025)
     ride.drive(5.0, limit=0.3)
     end = ride.until_the_end()
@@ -184,7 +184,7 @@ def test_a_goal_reports_its_own_step_and_not_the_one_behind_it():
 
 
 @pytest.mark.parametrize('stop', [lambda goals: goals.goal.cancel(), lambda goals: goals.end()])
-def test_a_stop_continues_a_crossing_but_begins_none(stop):
+def test_a_stop_continues_a_committed_crossing_but_starts_none(stop):
     likely = Decision(Kind.CROSS, Reason.LIKELY, 0.6, 'cross', height=0.012, distance=1.0, step=1)
     late = replace(likely, reason=Reason.COMMITTED)
     for before, kind in (likely, Kind.STOP), (late, Kind.CROSS):
@@ -196,14 +196,14 @@ def test_a_stop_continues_a_crossing_but_begins_none(stop):
             assert goals.constrain(planned, START).kind is kind
 
 
-def test_a_step_too_high_is_refused_before_it():
+def test_the_crossing_of_a_step_too_high_is_refused():
     ride = Ride(height=0.12, face=2.0)
     ride.decider.goals.begin(CrossGoal(ride.motion, 0.0))
     end = ride.until_the_end()
     assert end.ending is Ending.REFUSED and end.message == ride.decider.planned.explanation
 
 
-def test_without_a_step_the_ball_does_not_set_out():
+def test_without_a_step_to_cross_the_ball_stays_at_rest():
     ride = Ride()
     for _ in range(3):
         ride.tick()
@@ -213,7 +213,7 @@ def test_without_a_step_the_ball_does_not_set_out():
     assert abs(ride.motion.position) < 0.05
 
 
-def test_one_goal_at_a_time_and_rest_after_it_until_resumed():
+def test_a_second_goal_is_refused_and_the_ball_rests_after_a_goal_until_resumed():
     ride = Ride()
     ride.drive(0.5)
     with refused('busy', 'goal'):
@@ -241,6 +241,6 @@ def test_impossible_goals_are_refused(changes, field):
 
 
 @pytest.mark.parametrize('timeout', [NAN, -1.0, INF])
-def test_a_timeout_that_is_none_is_refused(timeout):
+def test_an_invalid_timeout_is_refused(timeout):
     with refused('out_of_range', 'timeout'):
         CrossGoal(START, timeout)

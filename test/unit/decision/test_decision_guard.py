@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The shell around planners: what none of them may answer."""
+"""The safety filter around planners: decisions that no planner may return."""
 from dataclasses import replace
 import math
 
@@ -26,8 +26,8 @@ def situation(face=STEP, age=0.0, **changes):
     return Situation(Motion(10.0, 0.0, 0.4), Profile(10.0 - age, (face,), **changes))
 
 
-def test_the_energy_bound_is_where_all_energy_is_spent():
-    # Without a pendulum to help: M g h = M v^2 / 2 (1 + J1 / M R^2).
+def test_the_energy_bound_is_the_height_that_uses_all_energy():
+    # Without a pendulum: M g h = M v^2 / 2 (1 + J1 / M R^2).
     alone = replace(GIMBALL, pendulum_mass=1e-9, ball_mass=5.4)
     rotation = 1.0 + 0.080 / (5.4 * 0.226**2)
     assert energy_bound(alone, 0.7, 0.0) == pytest.approx(0.49 * rotation / 2.0 / 9.81)
@@ -47,7 +47,7 @@ def test_the_energy_bound_grows_and_is_above_what_simulations_cross(speed, more,
     assert level < energy_bound(GIMBALL, speed, math.pi / 2.0) <= GIMBALL.ball_radius
 
 
-def test_a_crossing_within_all_limits_stands():
+def test_a_crossing_within_all_limits_is_unchanged():
     assert checked(CROSSING, situation(), KNOWN) is CROSSING
 
 
@@ -71,7 +71,7 @@ def test_a_crossing_beyond_a_limit_is_replaced_by_a_stop(change, face, reason):
 
 @pytest.mark.parametrize('reason, kind', [
     (Reason.COMMITTED, Kind.CROSS), (Reason.LIKELY, Kind.STOP)])
-def test_a_crossing_whose_face_was_lost_goes_on_only_where_nothing_stops_it(reason, kind):
+def test_a_crossing_without_its_face_continues_only_if_committed(reason, kind):
     crossing = replace(CROSSING, reason=reason, plan=replace(CROSSING.plan, edge=0.8), step=4)
     assert checked(crossing, situation(), KNOWN).kind is kind
 
@@ -82,7 +82,7 @@ def test_backing_off_stays_on_ground_known_to_be_free():
     assert checked(back, known, KNOWN) is back
     for nowhere in (situation(), replace(known, free_from=0.05)):
         assert checked(back, nowhere, KNOWN).reason is Reason.NO_ROOM
-    # The estimate of a face moves, and the start with it: it ends where the ground does.
+    # If the estimate of the face moves, the start moves too, but stays on free ground.
     moved = checked(back, replace(known, free_from=-0.45), KNOWN)
     assert moved.kind is Kind.BACK_OFF and moved.plan.start == -0.45
     nowhere = replace(back, plan=Plan(Strategy.BACK_OFF, math.nan))
@@ -92,9 +92,9 @@ def test_backing_off_stays_on_ground_known_to_be_free():
 @pytest.mark.parametrize('what', [
     {'age': 0.31 + TUNING.observation_timeout}, {'age': -0.1 - TUNING.observation_timeout},
     {'rejection': Reason.CONTRADICTORY}, {'face': replace(STEP, position=math.nan)}])
-def test_a_planner_is_not_asked_without_sound_input(what):
+def test_a_planner_is_not_called_with_invalid_input(what):
     def never(situation, previous):
-        raise AssertionError('asked')
+        raise AssertionError('the planner was called')
 
     answer = with_safety_filter(never, KNOWN)(situation(**what), CROSSING)
     assert (answer.kind, answer.set_speed) == (Kind.STOP, 0.0)
@@ -102,7 +102,7 @@ def test_a_planner_is_not_asked_without_sound_input(what):
     assert with_safety_filter(never, KNOWN)(nothing, None).reason is Reason.STALE
 
 
-def test_a_ball_that_cannot_stop_before_its_step_any_more_is_not_stopped_by_old_observations():
+def test_old_observations_do_not_stop_a_committed_ball():
     committed = replace(CROSSING, reason=Reason.COMMITTED)
     planner = with_safety_filter(lambda situation, previous: previous, KNOWN)
     assert planner(situation(age=5.0), committed) is committed
@@ -113,7 +113,7 @@ def test_a_ball_that_cannot_stop_before_its_step_any_more_is_not_stopped_by_old_
     assert planner(bad, committed).reason is Reason.BAD_OBSERVATION
 
 
-def test_latency_near_the_limit_does_not_alternate():
+def test_decisions_do_not_alternate_at_a_latency_near_the_limit():
     timeout = TUNING.observation_timeout
     planner = with_safety_filter(lambda situation, previous: CROSSING, KNOWN)
 
@@ -130,7 +130,7 @@ def test_latency_near_the_limit_does_not_alternate():
 
 
 @given(*[anything] * 9)
-def test_no_plan_passes_a_limit(
+def test_no_plan_exceeds_a_limit(
         now, position, speed, place, height, sd, asked, planned, swing):
     bold = Decision(Kind.CROSS, Reason.LIKELY, asked, '', step=1,
                     plan=Plan(Strategy.SWING, speed=planned, swing_angle=swing))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Outcomes teach what robot and sensor are like; one odd outcome teaches little."""
+"""Learning of robot and sensor parameters from outcomes; a single outlier has little effect."""
 from dataclasses import replace
 
 import numpy as np
@@ -29,13 +29,13 @@ def outcome(touching, result, passed=None, **more):
 
 @pytest.mark.parametrize('height', [0.030, 0.036, 0.045])
 @pytest.mark.parametrize('robot', [GIMBALL, replace(GIMBALL, edge_friction=0.1)])
-def test_an_attempt_is_that_of_the_crossing_search(robot, height):
+def test_the_score_of_an_attempt_is_that_of_the_crossing_search(robot, height):
     over, score = try_step(robot, 0.8, height, held_at(0.7), 0.4, tolerance=1e-4)
     found, _ = score_of(robot, TOUCHING._replace(height=height))
     assert found == pytest.approx(score, rel=1e-12) and over == (found > 0.0)
 
 
-def test_the_probability_is_the_part_of_drawn_robots_and_measurements_that_get_over():
+def test_the_probability_is_the_fraction_of_sampled_robots_and_measurements_that_cross():
     random = np.random.default_rng(0)
     for height in (0.034, 0.037, 0.040):
         touching = TOUCHING._replace(height=height)
@@ -50,27 +50,27 @@ def test_the_probability_is_the_part_of_drawn_robots_and_measurements_that_get_o
         assert probability(PARTICLES, touching) == pytest.approx(np.mean(overs), abs=0.06)
 
 
-def test_it_is_one_half_where_a_robot_that_is_known_just_gets_over(monkeypatch):
+def test_the_probability_is_one_half_at_the_maximum_step_height_of_a_certain_robot(monkeypatch):
     alike = replace(PARTICLES, rows=np.tile(PARTICLES.rows[0], (256, 1)),
                     values=np.tile([0.08, 1.6, 0.2, 0.12, 0.0], (256, 1)))
     robot = replace(PARTICLES.one(0), surface_friction=0.2, edge_friction=0.12)
     found = max_step_height(robot, 0.8, held_at(0.7), 0.4).height
     touching = TOUCHING._replace(height=found)
     assert probability(alike, touching) == pytest.approx(0.5, abs=0.06)
-    # One standard deviation, of height, speed and model together, is 84 per cent.
+    # One standard deviation below that height, the probability is 84 %.
     monkeypatch.setattr('ballbot_ros.decision.learning.chances.SPEED_SD', 0.0)
     monkeypatch.setattr('ballbot_ros.decision.learning.chances.MODEL_SD', 1e-6)
     lower = touching._replace(height=found - touching.height_sd)
     assert probability(alike, lower) == pytest.approx(0.84, abs=0.06)
 
 
-def test_higher_is_less_likely():
+def test_a_higher_step_is_less_probable():
     chances = [probability(PARTICLES, TOUCHING._replace(height=height))
                for height in np.arange(0.02, 0.056, 0.003)]
     assert (np.diff(chances) <= 1e-9).all() and chances[0] > 0.99 and chances[-1] < 0.01
 
 
-def test_bit_by_bit_it_learns_the_same_and_never_does_more_than_asked_for():
+def test_incremental_learning_gives_the_same_result_and_keeps_its_work_limit():
     done = outcome(TOUCHING, 'over', 0.4)
     whole, parts = learned(PARTICLES, [done, done]), Learner(PARTICLES)
     parts.take(done), parts.take(done)
@@ -95,7 +95,7 @@ def test_uninformative_attempts_are_not_learned_from(wrong):
     assert learner.particles is PARTICLES
 
 
-def test_one_odd_outcome_ruins_nothing():
+def test_one_implausible_outcome_has_little_effect():
     easy = TOUCHING._replace(height=0.008, speed=1.0)
     assert probability(PARTICLES, easy) > 0.999
     after = learned(PARTICLES, [outcome(easy, 'stuck')])
@@ -108,13 +108,13 @@ def test_one_odd_outcome_ruins_nothing():
         probability(PARTICLES, TOUCHING), abs=0.05)
 
 
-def test_a_swing_is_tried_with_the_angle_of_its_plan():
+def test_an_attempt_with_a_swing_has_the_angle_of_its_plan():
     plan = Plan(Strategy.SWING, swing_position=0.9, swing_angle=1.5)
     assert Touching.of(outcome(TOUCHING, 'over', plan=plan)).set_angle == 1.5
     assert Touching.of(outcome(TOUCHING, 'over')).set_angle == 0.7
 
 
-def test_a_speed_past_the_face_has_more_information_than_over_or_not():
+def test_the_speed_past_the_face_is_more_informative_than_the_result():
     touching = TOUCHING._replace(height=0.030)
     dull = learned(PARTICLES, [outcome(touching, 'over')])
     slow = learned(PARTICLES, [outcome(touching, 'over', 0.1)])
@@ -124,7 +124,7 @@ def test_a_speed_past_the_face_has_more_information_than_over_or_not():
     assert probability(fast, harder) > probability(dull, harder) + 0.1
 
 
-def test_a_ball_without_a_pendulum_learns_too():
+def test_learning_works_for_a_ball_without_a_pendulum():
     robot = load_robot('shellball')
     particles = Particles.of(robot, 0.0005, 64)
     touching = Touching(0.015, 0.001, 0.7, 0.0, 0.0)
@@ -136,7 +136,7 @@ def test_a_ball_without_a_pendulum_learns_too():
 
 @pytest.mark.slow
 @pytest.mark.parametrize('case', ['friction 30 % lower', 'heights reported 4 mm too low'])
-def test_twenty_attempts_make_promises_true(case):
+def test_after_twenty_attempts_the_predicted_probabilities_are_accurate(case):
     found, = study(GIMBALL, 3, 20, cases=[case], particles=128)
     tried = found.after >= 0.9
     assert np.count_nonzero(tried) > 10

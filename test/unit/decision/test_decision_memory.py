@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is remembered on the way: failures, free ground behind, and where nothing came of it."""
+"""Memory of failures, of free ground behind the ball, and of positions without progress."""
 from dataclasses import replace
 import math
 
@@ -36,8 +36,8 @@ def moved(memory, *positions, faces=(), since=0.0):
         memory.move(Motion(now, position, 0.4), Profile(now, faces))
 
 
-def test_only_ground_rolled_over_is_free_behind():
-    """Of the room that the user grants, the last 5 cm are clearance: it may end in a drop."""
+def test_only_ground_that_the_ball_has_rolled_over_is_free():
+    """The last 5 cm of the room behind the ball are clearance: it may end in a drop."""
     memory = Memory(TUNING, RADIUS)
     assert memory.free_from == math.inf
     moved(memory, 0.3, 0.5, 0.2, 0.4)
@@ -49,18 +49,18 @@ def test_only_ground_rolled_over_is_free_behind():
     assert memory.free_from == math.inf
 
 
-def test_behind_a_step_that_was_climbed_it_does_not_back_off_over_its_edge():
+def test_after_climbing_a_step_the_ball_does_not_back_off_over_its_edge():
     memory = Memory(TUNING, RADIUS)
     moved(memory, 0.0, 0.9, faces=(STEP,))
     moved(memory, 1.1, 1.5, since=0.04)
     assert memory.free_from == pytest.approx(1.05)
-    # Below it again, the floor that it came over is free.
+    # Below the step again, the floor that the ball has rolled over is free.
     moved(memory, 0.6, since=0.08)
     assert memory.free_from == 0.0
 
 
 def test_an_edge_whose_estimate_moves_behind_the_ball_has_been_passed():
-    """It is in no profile before and after: as if it had never been ahead."""
+    """One profile has the edge ahead of the ball, and the next one does not contain it."""
     memory = Memory(TUNING, RADIUS)
     moved(memory, 0.0, 0.96, faces=(STEP,))
     moved(memory, 0.98, 1.5, since=0.04)
@@ -71,7 +71,7 @@ def test_an_edge_whose_estimate_moves_behind_the_ball_has_been_passed():
     assert far.free_from == 0.0
 
 
-def test_below_a_step_down_it_does_not_back_off_against_the_step():
+def test_below_a_step_down_the_ball_does_not_back_off_into_the_step():
     memory = Memory(TUNING, RADIUS)
     down = replace(STEP, height=-0.02)
     moved(memory, *(0.9 + 0.01 * index for index in range(80)), faces=(down,))
@@ -79,7 +79,7 @@ def test_below_a_step_down_it_does_not_back_off_against_the_step():
     assert 1.0 + touch < memory.free_from < 1.0 + touch + 0.1
 
 
-def test_a_failure_is_found_again_at_its_place_under_another_number_and_height():
+def test_a_failure_is_found_by_its_position_despite_another_number_and_height():
     memory = Memory(TUNING, RADIUS)
     moved(memory, 0.0)
     memory.take(outcome())
@@ -89,7 +89,7 @@ def test_a_failure_is_found_again_at_its_place_under_another_number_and_height()
         assert [one.face for one in memory.failures(Profile(0.0, (later,)))] == [9]
     assert memory.failures(Profile(0.0, (replace(later, position=1.2),))) == ()
     assert memory.failures(None) == ()
-    # Where the ball may have spun at the foot, less is free behind it than odometry says.
+    # The ball may have spun at the foot: less ground is free than by odometry.
     assert memory.free_from == pytest.approx(0.1)
     memory.take(outcome('over'))
     assert memory.failures(Profile(0.0, (STEP,))) == ()
@@ -98,11 +98,11 @@ def test_a_failure_is_found_again_at_its_place_under_another_number_and_height()
 @pytest.mark.parametrize('speed, seconds, reason', [
     (0.0, 2.6, Reason.STUCK), (-0.2, 1.1, Reason.STEEP), (0.0, 2.3, None),
     (-0.2, 0.9, None), (-0.07, 1.5, None)])
-def test_where_the_ball_does_not_get_on_is_noticed(speed, seconds, reason):
+def test_a_lack_of_progress_is_detected(speed, seconds, reason):
     memory = Memory(TUNING, RADIUS)
     for index in range(int(seconds * 50)):
         now = 0.02 * index
-        # It rocks by a few centimetres.
+        # The ball rocks by a few centimetres.
         memory.watch(Motion(now, 0.5 + speed * now + 0.02 * math.sin(5.0 * now), speed), DRIVING)
     assert (None if memory.obstruction is None else memory.obstruction.reason) is reason
 
@@ -117,7 +117,7 @@ def test_a_ball_without_a_command_or_in_contact_is_not_stuck(decision):
     assert memory.obstruction is None
 
 
-def test_a_ball_that_gets_on_is_not_stuck_and_what_it_passes_was_no_obstruction():
+def test_a_ball_with_progress_is_not_stuck_and_clears_an_obstruction_that_it_passes():
     memory = Memory(TUNING, RADIUS)
     for index in range(500):
         memory.watch(Motion(0.02 * index, 0.0005 * index, 0.025), DRIVING)
@@ -131,7 +131,7 @@ def test_a_ball_that_gets_on_is_not_stuck_and_what_it_passes_was_no_obstruction(
     assert memory.obstruction is None
 
 
-def test_where_it_was_stuck_it_stops_before_and_requests_another_way():
+def test_the_ball_stops_before_an_obstruction_and_requests_another_way():
     filtered = StopLines(KNOWN).filtered
     blocked = Obstruction(0.5, Reason.STUCK)
     here = Situation(Motion(0.0, 0.49, 0.0), Profile(0.0), free_from=0.0, obstruction=blocked)
@@ -140,7 +140,7 @@ def test_where_it_was_stuck_it_stops_before_and_requests_another_way():
         assert (answer.kind, answer.reason) == (Kind.GO_ROUND, Reason.STUCK)
         assert answer.plan.stop_position == pytest.approx(0.25)
         assert answer.plan.strategy is Strategy.GO_ROUND
-    # Nowhere to go: it stands.
+    # Without free ground behind it, the ball stays where it is.
     stands = filtered(DRIVING, replace(here, free_from=0.48))
     assert (stands.kind, stands.set_speed) == (Kind.GO_ROUND, 0.0)
     assert (stands.plan.strategy, stands.plan.stop_position) == (Strategy.GO_ROUND, math.inf)
@@ -155,7 +155,7 @@ def answer(failures, position=0.0, free_from=-3.0, speed=0.0):
                              free_from), None)
 
 
-def test_after_a_failure_the_same_plan_is_never_made_again():
+def test_a_failed_plan_is_never_repeated():
     first = answer(())
     assert first.kind is Kind.CROSS
     failed = [Failure(4, 1.0, first.plan, first.outlook.touch_speed)]
@@ -168,7 +168,7 @@ def test_after_a_failure_the_same_plan_is_never_made_again():
     failed.append(Failure(4, 1.0, second.plan, second.outlook.touch_speed))
     third = answer(failed, -3.0)
     assert third.kind is Kind.GO_ROUND or third.plan.speed > second.plan.speed
-    # Without room for a longer run-up it goes round.
+    # Without room for a longer run-up the ball goes round.
     assert answer(failed, 0.8, free_from=0.7).reason is Reason.FAILED_BEFORE
     fast = Failure(4, 1.0, replace(first.plan, speed=1.09), 1.05)
     assert answer([fast], -3.0).kind is Kind.GO_ROUND

@@ -43,13 +43,13 @@ def path_of(tmp_path):
 
 
 def changed(path, statement, *values):
-    """Change a log behind its back."""
+    """Change the database of a log directly."""
     with sqlite3.connect(path) as database:
         database.execute(statement, values)
     database.close()
 
 
-def test_a_log_is_read_again(tmp_path):
+def test_a_log_is_read_back(tmp_path):
     path = tmp_path / 'log'
     assert kept(path, OUTCOMES[:2]).problem == ''
     assert kept(path, OUTCOMES[2:]).reading.outcomes == OUTCOMES[:2]
@@ -57,7 +57,7 @@ def test_a_log_is_read_again(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_writer_that_is_killed_has_kept_its_outcomes(path):
+def test_outcomes_survive_a_kill_of_their_writer(path):
     script = f"""
 import os, signal
 from pathlib import Path
@@ -91,7 +91,7 @@ def test_another_file_is_refused_and_left_alone(tmp_path, content):
     assert path.read_bytes() == content
 
 
-def test_a_cut_file_and_another_format_are_refused(path):
+def test_a_truncated_file_and_another_format_are_refused(path):
     whole = path.read_bytes()
     path.write_bytes(whole[:len(whole) - 3000])
     assert read_outcomes(path, DIGEST).refusal
@@ -121,7 +121,7 @@ def test_only_the_latest_outcomes_are_kept(tmp_path, monkeypatch):
     assert read_outcomes(path, DIGEST).outcomes == OUTCOMES[1:]
 
 
-def test_a_disk_that_takes_nothing_is_reported_and_tried_again(tmp_path):
+def test_a_failed_write_is_reported_and_retried(tmp_path):
     path = tmp_path / 'folder' / 'log'
     log = kept(path, OUTCOMES[:1])
     assert 'is not kept' in log.problem

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Robots that may be the one at hand: drawn, weighed and resampled."""
+"""Particles of uncertain robot parameters: sampling, weighting and resampling."""
 from dataclasses import replace
 from time import perf_counter
 
@@ -22,7 +22,7 @@ def pulled(particles, name, middle, deviation):
     return particles.reweighted(-0.5 * ((particles.column(name) - middle) / deviation)**2)
 
 
-def test_each_row_is_what_the_kernels_read_of_that_robot():
+def test_each_row_contains_the_kernel_parameters_of_its_robot():
     for particles in (PARTICLES, Particles.of(SHELLBALL, 0.0),
                       pulled(PARTICLES, 'pendulum_mass', 1.4, 0.02)):
         for index in (0, 7, len(particles) - 1):
@@ -33,7 +33,7 @@ def test_each_row_is_what_the_kernels_read_of_that_robot():
             assert robot.edge_friction == particles.column('edge_friction')[index]
 
 
-def test_the_draw_fills_the_ranges_evenly():
+def test_the_samples_fill_the_ranges_evenly():
     assert set(PARTICLES.names) == {'ball_inertia', 'pendulum_mass', 'surface_friction',
                                     'edge_friction', 'height_bias'}
     for name in PARTICLES.names[:-1]:
@@ -43,13 +43,13 @@ def test_the_draw_fills_the_ranges_evenly():
         counts, _ = np.histogram(column, 8, (low, high))
         assert counts.tolist() == [32] * 8, name
     bias = abs(PARTICLES.column('height_bias'))
-    assert np.quantile(bias, 0.6) == pytest.approx(0.0005, rel=0.1)  # of 0.9, two thirds
+    assert np.quantile(bias, 0.6) == pytest.approx(0.0005, rel=0.1)  # about one deviation
     assert bias.max() > 0.006
     assert abs(PARTICLES.mean('height_bias')) < 1e-4
     assert (PARTICLES.column('ball_radius') == GIMBALL.ball_radius).all()
 
 
-def test_a_range_in_the_robot_file_goes_before_the_assumed_one():
+def test_a_range_in_the_robot_file_takes_precedence_over_the_assumed_one():
     known = {**GIMBALL.provenance,
              'edge_friction': Provenance('measured', 0.13, 0.15)}
     particles = Particles.of(replace(GIMBALL, provenance=known), 0.0005)
@@ -57,26 +57,26 @@ def test_a_range_in_the_robot_file_goes_before_the_assumed_one():
     assert 0.149 < particles.column('edge_friction').max() <= 0.15
 
 
-def test_they_are_made_within_50_ms():
-    begin = perf_counter()
+def test_particles_are_created_within_50_ms():
+    start = perf_counter()
     for _ in range(5):
         Particles.of(GIMBALL, 0.0005)
-    assert (perf_counter() - begin) / 5 < 0.05
+    assert (perf_counter() - start) / 5 < 0.05
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(1, 600), st.integers(0, 99))
-def test_each_particle_is_drawn_as_often_as_its_weight_says(number, seed):
+def test_each_particle_is_drawn_in_proportion_to_its_weight(number, seed):
     particles = pulled(PARTICLES, 'edge_friction', 0.12, 0.02)
     drawn = particles.draw(number, seed)
-    often = np.bincount(drawn, minlength=len(particles))
+    counts = np.bincount(drawn, minlength=len(particles))
     assert len(drawn) == number
-    assert (abs(often - number * particles.weights) < 1.0 + 1e-9).all()
+    assert (abs(counts - number * particles.weights) < 1.0 + 1e-9).all()
     assert (drawn == particles.draw(number, seed)).all()
 
 
 @pytest.mark.parametrize('deviation', [0.006, 0.003])
-def test_resampled_they_keep_mean_and_deviation_but_for_a_tenth(deviation):
+def test_resampling_keeps_mean_and_deviation_and_a_tenth_of_the_particles(deviation):
     weights = np.exp(-0.5 * ((PARTICLES.column('edge_friction') - 0.12) / deviation)**2)
     after = pulled(PARTICLES, 'edge_friction', 0.12, deviation)
     assert after.effective_size == pytest.approx(len(after))
@@ -91,7 +91,7 @@ def test_resampled_they_keep_mean_and_deviation_but_for_a_tenth(deviation):
     assert (after.values >= after.lows).all() and (after.values <= after.highs).all()
 
 
-def test_hundreds_of_outcomes_leave_particles_that_differ_and_stay_in_range():
+def test_after_hundreds_of_outcomes_the_particles_differ_and_are_in_range():
     particles = PARTICLES
     for number in range(300):
         particles = pulled(particles, particles.names[number % 5],
@@ -103,12 +103,12 @@ def test_hundreds_of_outcomes_leave_particles_that_differ_and_stay_in_range():
 
 
 @pytest.mark.parametrize('wrong', [[0.0], [np.nan] * 256, [np.inf] * 256, [-np.inf] * 256])
-def test_a_likelihood_that_is_none_is_refused(wrong):
+def test_an_invalid_likelihood_is_refused(wrong):
     with refused('wrong_type', 'log_likelihood'):
         PARTICLES.reweighted(wrong)
 
 
-def test_a_value_cannot_be_changed():
+def test_arrays_are_read_only():
     for array in (PARTICLES.values, PARTICLES.weights, PARTICLES.rows):
         with pytest.raises(ValueError):
             array[0] = 0.0

@@ -32,14 +32,14 @@ steps = some.builds(StepObservation, anything | some.floats(0.0, 9.0), some.bool
                     anything, anything, anything)
 
 
-def look(terrain, x, stamp, number=0, height_sd=0.0, **faults):
+def scan(terrain, x, stamp, number=0, height_sd=0.0, **faults):
     sight = TerrainSensor(terrain, 3.0, height_sd, 0, SensorFaults(**faults)).measure(
         x, float(terrain.height(x)) + RADIUS, number)
     return TerrainObservation(stamp, sight.x, sight.z, sight.z_sd, sight.x_min, sight.x_max)
 
 
 def check(profile):
-    """Check what holds for every profile."""
+    """Check the invariants of a profile."""
     assert (profile.rejection is None) == (not profile.explanation)
     for face in profile.faces:
         assert all(map(math.isfinite, astuple(face)))
@@ -56,7 +56,7 @@ def check(profile):
 @pytest.mark.slow
 @settings(max_examples=150)
 @given(some.lists(some.tuples(polylines | steps, anything | some.floats(-1.0, 1.0)), max_size=8))
-def test_no_stream_raises_or_gives_a_number_that_is_not_finite(stream):
+def test_no_stream_raises_an_error_or_gives_a_number_that_is_not_finite(stream):
     tracking = ProfileTracker(GIMBALL, TUNING)
     for observation, position in stream:
         check(tracking.update(observation, position))
@@ -66,14 +66,14 @@ def test_no_stream_raises_or_gives_a_number_that_is_not_finite(stream):
 @given(some.lists(some.tuples(some.floats(-0.1, 0.4), some.floats(0.2, 2.5), some.booleans()),
                   min_size=1, max_size=8),
        some.floats(-0.1, 0.1), some.integers(0, 99))
-def test_a_rejected_look_changes_nothing_and_lowers_no_face(scenes, grade, seed):
+def test_a_rejected_observation_does_not_change_the_profile(scenes, grade, seed):
     tracking, stamp, before = ProfileTracker(GIMBALL, TUNING), 0.0, None
     for height, place, reported in scenes:
         terrain = Terrain([(-9.0, -9.0 * grade), (place, place * grade),
                            (place, place * grade + height), (9.0, 9.0 * grade + height)]
                           if abs(height) > 0.001 else [(0.0, 0.0), (1.0, grade)])
         stamp += 0.1
-        observation = look(terrain, 0.0, stamp, seed, 0.001, reported_sd=float(reported))
+        observation = scan(terrain, 0.0, stamp, seed, 0.001, reported_sd=float(reported))
         profile = tracking.update(observation, 0.0)
         check(profile)
         if profile.rejection is not None and before is not None:
@@ -108,7 +108,7 @@ def test_noise_dropouts_and_slopes_leave_the_height_within_its_deviation(
 
 
 def fused(observations, motions, order):
-    """Return the profile after observations and motions that come in some order."""
+    """Return the profile after observations and motions in a given order."""
     fusion = GroundFusion(GIMBALL, TUNING)
     for index in order:
         if index < len(observations):
@@ -119,10 +119,10 @@ def fused(observations, motions, order):
     return fusion.profile
 
 
-def test_an_observation_is_fused_where_the_ball_was_when_it_was_made():
+def test_an_observation_is_fused_at_the_position_of_the_ball_at_its_stamp():
     terrain = Terrain.step(0.03, at=1.2)
     motions = [Motion(0.02 * index, 0.01 * index, 0.5) for index in range(40)]
-    late = [look(terrain, 0.005 * index, 0.01 * index) for index in (0, 5, 11, 20)]
+    late = [scan(terrain, 0.005 * index, 0.01 * index) for index in (0, 5, 11, 20)]
     count = len(late)
     same = fused(late, motions, [*range(count), *range(count, count + 40)])
     afterwards = fused(late, motions, [*range(count, count + 40), *range(count)])
@@ -136,7 +136,7 @@ def test_latency_of_half_a_second_moves_no_face():
         stamp = 0.01 * index
         fusion.move(Motion(stamp, 0.8 * stamp, 0.8))
         if index >= 50:
-            fusion.observe(look(terrain, 0.8 * (stamp - 0.5), stamp - 0.5, index))
+            fusion.observe(scan(terrain, 0.8 * (stamp - 0.5), stamp - 0.5, index))
         fusion.fuse()
         if fusion.profile is not None:
             assert fusion.profile.rejection is None
@@ -147,7 +147,7 @@ def test_latency_of_half_a_second_moves_no_face():
 @pytest.mark.parametrize('stamp, reason', [
     (99.0, Reason.BAD_OBSERVATION), (math.nan, Reason.BAD_OBSERVATION),
     (math.inf, Reason.BAD_OBSERVATION), (-99.0, Reason.STALE)])
-def test_an_observation_of_another_clock_is_refused_and_holds_up_no_other(stamp, reason):
+def test_an_observation_of_another_clock_is_refused_and_blocks_no_other(stamp, reason):
     fusion = GroundFusion(GIMBALL, TUNING)
     good = StepObservation(0.0, True, 1.0, 0.03, 0.01, 0.001)
     fusion.observe(replace(good, stamp=stamp))
@@ -160,7 +160,7 @@ def test_an_observation_of_another_clock_is_refused_and_holds_up_no_other(stamp,
 
 
 @pytest.mark.parametrize('off', [5.0, -5.0])
-def test_observations_of_another_clock_beside_good_ones_change_nothing(off):
+def test_observations_of_another_clock_do_not_change_the_profile(off):
     fusion = GroundFusion(GIMBALL, TUNING)
     good = StepObservation(0.0, True, 1.0, 0.03, 0.01, 0.001)
     fusion.move(Motion(0.0, 0.0, 0.0))
@@ -173,7 +173,7 @@ def test_observations_of_another_clock_beside_good_ones_change_nothing(off):
     assert fusion.profile == profile and profile.rejection is None
 
 
-def test_the_same_stamp_gives_the_same_profile():
+def test_a_second_observation_with_the_same_stamp_is_ignored():
     fusion = GroundFusion(GIMBALL, TUNING)
     fusion.move(Motion(0.0, 0.0, 0.0))
     for height in (0.03, 0.1):
@@ -193,7 +193,7 @@ def test_an_observation_waits_for_its_odometry():
     assert fusion.profile.face.position == 1.2
 
 
-def test_the_map_gets_less_certain_with_way_and_time_but_is_not_lost():
+def test_the_uncertainty_of_the_map_grows_with_distance_and_time():
     fusion = GroundFusion(GIMBALL, TUNING)
     fusion.move(Motion(0.0, 0.0, 0.0))
     fusion.observe(StepObservation(0.0, True, 1.0, 0.03, 0.01, 0.001))
@@ -206,10 +206,10 @@ def test_the_map_gets_less_certain_with_way_and_time_but_is_not_lost():
     assert (rolled.position, rolled.height) == (now.position, now.height)
 
 
-def test_faces_that_the_ball_has_passed_since_the_look_are_not_ahead():
+def test_faces_that_the_ball_has_passed_since_the_observation_are_not_ahead():
     fusion = GroundFusion(GIMBALL, TUNING)
     fusion.move(Motion(0.0, 0.0, 0.0))
-    fusion.observe(look(Terrain([(-9, 0), (0.5, 0), (0.5, 0.03), (0.9, 0.03), (0.9, 0.06),
+    fusion.observe(scan(Terrain([(-9, 0), (0.5, 0), (0.5, 0.03), (0.9, 0.03), (0.9, 0.06),
                                  (9, 0.06)]), 0.0, 0.0))
     fusion.fuse()
     fusion.move(Motion(0.3, 0.6, 0.0))
@@ -218,48 +218,48 @@ def test_faces_that_the_ball_has_passed_since_the_look_are_not_ahead():
 
 
 def both(step_height, step_sd, terrain_height=0.03):
-    """Return the profile of a terrain sensor and a step sensor that look at one step."""
+    """Return the profile of a terrain sensor and a step sensor that observe one step."""
     tracking, terrain = ProfileTracker(GIMBALL, TUNING), Terrain.step(terrain_height, at=1.0)
     for index in range(10):
-        tracking.update(look(terrain, 0.0, 0.1 * index, index, 0.001), 0.0)
+        tracking.update(scan(terrain, 0.0, 0.1 * index, index, 0.001), 0.0)
         profile = tracking.update(StepObservation(
             0.1 * index, True, 1.0, step_height, 0.01, step_sd), 0.0)
     return profile
 
 
-def test_two_sensors_that_agree_are_more_certain_and_keep_the_polyline():
+def test_two_consistent_sensors_reduce_the_uncertainty_and_keep_the_polyline():
     profile = both(0.031, 0.001)
     assert profile.rejection is None and len(profile.faces) == 1 and len(profile.points) > 3
     assert 0.03 < profile.face.height < 0.031
     assert profile.face.height_sd < 0.0006
 
 
-def test_of_two_sensors_that_contradict_the_higher_face_counts():
+def test_of_two_contradictory_faces_the_higher_one_is_used():
     for step, terrain in ((0.06, 0.03), (0.03, 0.06)):
         face = both(step, 0.001, terrain).face
         assert face.height == pytest.approx(0.06, abs=0.001) and face.height_sd > 0.01
 
 
-def test_a_step_that_only_the_step_sensor_sees_is_there():
+def test_a_step_that_only_the_step_sensor_detects_is_in_the_profile():
     tracking = ProfileTracker(GIMBALL, TUNING)
-    tracking.update(look(Terrain.flat(), 0.0, 0.0), 0.0)
+    tracking.update(scan(Terrain.flat(), 0.0, 0.0), 0.0)
     profile = tracking.update(StepObservation(0.0, True, 1.0, 0.04, 0.01, 0.001), 0.0)
     assert profile.face.height == 0.04 and profile.points
 
 
-def test_a_sensor_that_has_fallen_silent_is_not_waited_for():
+def test_the_rejection_of_a_sensor_without_messages_expires():
     tracking = ProfileTracker(GIMBALL, TUNING)
     tracking.update(StepObservation(0.0, True, math.nan, 0.04), 0.0)
-    assert tracking.update(look(Terrain.flat(), 0.0, 0.5), 0.0).rejection is not None
-    assert tracking.update(look(Terrain.flat(), 0.0, 1.5), 0.0).rejection is None
+    assert tracking.update(scan(Terrain.flat(), 0.0, 0.5), 0.0).rejection is not None
+    assert tracking.update(scan(Terrain.flat(), 0.0, 1.5), 0.0).rejection is None
 
 
-def test_odometry_that_slips_moves_the_map_with_it():
+def test_the_map_follows_odometry_that_slips():
     terrain = Terrain([(-9, 0), (1.2, 0), (1.2, 0.03), (1.7, 0.03), (1.7, 0.05), (9, 0.05)])
     tracking, slip = ProfileTracker(GIMBALL, TUNING), 0.0
     for number in range(62):
         x, slip = 0.01 * min(number, 40), 0.01 * max(0, number - 40)
-        profile = tracking.update(look(terrain, x, 0.02 * number, number, 0.001), x + slip)
+        profile = tracking.update(scan(terrain, x, 0.02 * number, number, 0.001), x + slip)
         assert profile.rejection is None
         if number > 5:
             assert [face.number for face in profile.faces] == [1, 2]

@@ -26,7 +26,7 @@ NOWHERE = Motion(math.nan, math.nan, math.nan)
 
 
 def stop_at(position, speed=0.8):
-    """Return the decision to stop at a place."""
+    """Return the decision to stop at a position."""
     return Decision(Kind.STOP, Reason.DROP, speed, '',
                     plan=Plan(Strategy.STOP, stop_position=position))
 
@@ -62,7 +62,7 @@ def drive(slope_deg, decide, seconds=8.0, speed=0.0):
 
 
 @pytest.mark.parametrize('slope_deg', [-3.0, -0.5, 0.0, 3.0])
-def test_it_comes_to_rest_at_the_place_and_stands_there(slope_deg):
+def test_the_ball_comes_to_rest_at_the_stop_position_and_stays_there(slope_deg):
     log = drive(slope_deg, lambda now: stop_at(1.5), seconds=9.0)
     assert max(x for _, x, *_ in log) < 1.505
     assert log[-1][1] == pytest.approx(1.5, abs=0.005)
@@ -70,7 +70,7 @@ def test_it_comes_to_rest_at_the_place_and_stands_there(slope_deg):
 
 
 @pytest.mark.parametrize('slope_deg', [-3.0, 0.0, 3.0])
-def test_after_an_immediate_stop_it_stands_where_it_came_to_rest(slope_deg):
+def test_after_an_immediate_stop_the_ball_stays_where_it_came_to_rest(slope_deg):
     log = drive(slope_deg, lambda now: CRUISE if now < 3.0 else STOP)
     rest = [x for now, x, *_ in log if now > 6.0]
     assert max(rest) - min(rest) < 0.01
@@ -78,7 +78,7 @@ def test_after_an_immediate_stop_it_stands_where_it_came_to_rest(slope_deg):
 
 
 @pytest.mark.parametrize('first', [STOP, stop_at(0.9)])
-def test_before_it_rests_a_stop_for_another_reason_does_not_let_it_roll_on(first):
+def test_a_stop_for_another_reason_does_not_release_a_braking_ball(first):
     def then(now):
         return first if now < 2.5 else stop_at(3.0)
 
@@ -88,25 +88,25 @@ def test_before_it_rests_a_stop_for_another_reason_does_not_let_it_roll_on(first
 
 
 @pytest.mark.parametrize('slope_deg', [-3.0, 0.0, 3.0])
-def test_it_backs_off_to_where_a_plan_begins(slope_deg):
+def test_the_ball_backs_off_to_the_start_of_a_plan(slope_deg):
     back = Decision(Kind.BACK_OFF, Reason.RUN_UP, 0.0, '', plan=Plan(Strategy.BACK_OFF, -0.7))
     log = drive(slope_deg, lambda now: back)
     assert min(x for _, x, *_ in log) > -0.705
     assert log[-1][1] == pytest.approx(-0.7, abs=0.005)
 
 
-def test_a_stop_on_the_way_back_is_shorter_uphill_than_downhill():
+def test_a_stop_while_backing_off_is_shorter_uphill_than_downhill():
     back = Decision(Kind.BACK_OFF, Reason.RUN_UP, 0.0, '', plan=Plan(Strategy.BACK_OFF, -5.0))
-    ways = []
+    distances = []
     for slope_deg in -3.0, 0.0, 3.0:  # uphill, as the ball rolls back
         log = drive(slope_deg, lambda now: back if now < 3.0 else STOP, 9.0)
-        begin = next(x for now, x, *_ in log if now >= 3.0)
-        ways.append(begin - min(x for _, x, *_ in log))
+        start = next(x for now, x, *_ in log if now >= 3.0)
+        distances.append(start - min(x for _, x, *_ in log))
         assert abs(log[-1][2]) < 1e-3
-    assert ways[0] + 0.02 < ways[1] < ways[2] - 0.01
+    assert distances[0] + 0.02 < distances[1] < distances[2] - 0.01
 
 
-def test_the_way_to_rest_contains_the_delay_of_the_actuation():
+def test_the_stopping_distance_contains_the_actuation_delay():
     rest = [Pilot(replace(KNOWLEDGE, tuning=replace(
         KNOWLEDGE.tuning, actuation_delay=delay)))._standing(STOP, Motion(0.0, 0.0, 0.4))
         for delay in (0.0, 0.3)]
@@ -122,7 +122,7 @@ def test_between_swing_and_edge_the_pendulum_has_the_angle_of_the_plan():
     assert abs(log[-1][3]) < 0.2
 
 
-def test_a_motion_that_is_not_finite_lets_the_pendulum_down():
+def test_a_motion_that_is_not_finite_gives_a_hanging_pendulum():
     pilot = Pilot(KNOWLEDGE)
     assert pilot.angle(CRUISE, Motion(0.0, 0.0, 0.0)) > 0.1
     assert pilot.angle(CRUISE, NOWHERE) == 0.0
@@ -134,7 +134,7 @@ def test_the_same_stamp_gets_the_same_angle():
     assert pilot.angle(CRUISE, Motion(0.02, 0.0, 0.5)) == first
 
 
-def test_a_slope_estimate_at_a_step_is_not_a_slope():
+def test_slope_estimates_at_a_step_are_ignored():
     pilot = Pilot(KNOWLEDGE)
 
     def estimated(since, count, slope, touching=False):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A rollout does what the plant does: the promise of a plan is worth what this is."""
+"""Rollouts agree with the plant in closed loop; the predictions of plans depend on it."""
 from dataclasses import replace
 import math
 
@@ -36,7 +36,7 @@ RADIUS = GIMBALL.ball_radius
 
 
 def world(robot):
-    """Return the world that is as seen, with some robot in it."""
+    """Return the world without errors of the observed terrain, with a given robot."""
     row = np.zeros((1, DRAW))
     row[0, :ROBOT] = Parameters.of(robot, ContactOptions())
     row[0, FLOOR_FRICTION], row[0, CORNER_FRICTION] = robot.surface_friction, robot.edge_friction
@@ -50,7 +50,7 @@ def ahead_of(position, *faces, slope=0.0, points=()):
 
 
 def rolled_out(robot, height, position, speed, candidate):
-    """Return verdict, speed and pendulum angle at touch, by the kernel."""
+    """Return the row of a plan and its result by the kernel: verdict, speed and angle at touch."""
     ahead = ahead_of(position, Face(1, 0.0, height, 0.0, 0.0))
     row = plan_row(candidate, ahead)
     result = WORLDS.attempt(
@@ -59,7 +59,7 @@ def rolled_out(robot, height, position, speed, candidate):
 
 
 def driven(robot, height, position, speed, row):
-    """Return the same by the plant, with the controller at 500 Hz and the pilot at 50 Hz."""
+    """Return verdict and state at touch by the plant, with control at 500 Hz, pilot at 50 Hz."""
     model = Model(robot, Terrain([[-9.0, 0.0], [0.0, 0.0], [0.0, height], [9.0, height]]),
                   solver=Solver('rk4', step=1e-3))
     scene = Scene('', model, Initial(x=position, speed=speed), Actuation(), Run(duration=1.0))
@@ -106,7 +106,7 @@ def test_verdicts_and_speeds_are_those_of_the_plant_in_closed_loop():
             speeds.append(result[TOUCH_SPEED] - touched.velocity_x)
             angles.append(result[TOUCH_ANGLE] - touched.pendulum_angle)
     assert same >= 59
-    # The pilot acts every 20 ms, in which the ball moves on by some mm.
+    # The pilot acts every 20 ms, during which the ball moves by several mm.
     assert len(speeds) > 50 and np.quantile(np.abs(speeds), 0.9) < 0.012
     assert abs(np.mean(speeds)) < 0.006 and np.quantile(np.abs(angles), 0.9) < 0.04
 
@@ -119,10 +119,10 @@ def rolling(angle, seconds, slope=0.0, speed=0.0, step=0.01, start=0.0):
     return now
 
 
-def test_a_held_pendulum_accelerates_the_ball_as_the_rolling_model_says():
+def test_a_held_pendulum_accelerates_the_ball_as_in_the_rolling_model():
     before, after = rolling(0.5, 2.0, start=0.5), rolling(0.5, 2.2, start=0.5)
     model = RollingModel(GIMBALL)
-    # Friction of ball and joint takes its share, which grows with the speed.
+    # Friction of ball and joint reduces the acceleration, more at a higher speed.
     torque = (GIMBALL.rolling_friction + GIMBALL.joint_friction) * after.speed / RADIUS
     lost = torque / RADIUS / (GIMBALL.total_mass + GIMBALL.ball_inertia / RADIUS**2)
     gained = (after.speed - before.speed) / 0.2
@@ -131,7 +131,7 @@ def test_a_held_pendulum_accelerates_the_ball_as_the_rolling_model_says():
     assert gained < model.held_acceleration(after.angle)
 
 
-def test_a_ball_stands_where_the_pendulum_holds_the_slope():
+def test_a_ball_rests_on_a_slope_that_its_pendulum_balances():
     slope = math.radians(2.0)
     lever = GIMBALL.pendulum_mass * GIMBALL.pendulum_length
     radius = RADIUS - GIMBALL.static_penetration
@@ -146,7 +146,7 @@ def test_a_longer_step_of_the_rolling_model_changes_little():
     assert coarse.position == pytest.approx(fine.position, abs=0.01)
 
 
-def test_the_ground_of_a_world_is_a_terrain_moved_by_what_was_drawn():
+def test_the_ground_of_a_world_is_the_terrain_with_sampled_errors():
     ahead = ahead_of(-1.0, Face(1, 0.0, 0.03, 0.0, 0.0), Face(2, 0.4, 0.02, 0.0, 0.0, 0.01))
     row = world(GIMBALL)[0]
     row[HEIGHT], row[HEIGHT + 1], row[PLACE] = 0.002, -0.004, 0.05
@@ -171,7 +171,7 @@ def test_a_drop_too_near_behind_the_edge_is_a_fall():
     assert 0.2 < results[1][REST] < 2.0
 
 
-def test_two_edges_are_carried_through():
+def test_a_plan_carries_the_ball_over_two_edges():
     ahead = ahead_of(-1.4, Face(1, 0.0, 0.015, 0.0, 0.0), Face(2, 0.3, 0.015, 0.0, 0.0))
     assert [end.faces for end in ahead.ends] == [1, 2]
     start, robot = (-1.4, 0.4, 0.0, 0.0), world(GIMBALL)
@@ -182,7 +182,7 @@ def test_two_edges_are_carried_through():
     assert verdicts.tolist() == [OVER, STUCK]
 
 
-def test_unevenness_behind_the_edge_is_rolled_over_and_no_fall():
+def test_unevenness_behind_the_edge_is_not_a_fall():
     points = ((-4.0, 0.0), (0.0, 0.0), (0.0, 0.012), (0.2, 0.012), (0.201, 0.0165), (3.0, 0.0165))
     ahead = ahead_of(-1.2, Face(1, 0.0, 0.012, 0.0, 0.0), points=points)
     plan = plan_row(Candidate(Strategy.SWING, 0.5, 0.2, 1.5), ahead)

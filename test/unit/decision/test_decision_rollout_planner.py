@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The planner of rollouts: gentle where that does, honest where it does not, never at a loss."""
+"""The rollout planner: gentle plans where they suffice, refusals with reasons, no errors."""
 from dataclasses import replace
 from functools import cache, partial
 import math
@@ -22,9 +22,9 @@ from ballbot_ros.physics.model.robot import load_robot
 GIMBALL = load_robot('gimball')
 TUNING = replace(load_decision_tuning('decision_default'), unseen_room=1.5)
 KNOWLEDGE = Knowledge(GIMBALL, load_curve('gimball_down'), TUNING)
-# The front of a ball at a position is this much farther on.
+# Distance from the centre of a ball to its front.
 RADIUS = GIMBALL.ball_radius
-kept = cache(partial(RolloutPlanner, KNOWLEDGE))  # to draw its worlds takes a while
+kept = cache(partial(RolloutPlanner, KNOWLEDGE))  # sampling its worlds is slow
 anything = strategies.floats(-1e3, 1e3)
 
 
@@ -38,7 +38,7 @@ def step(height, sd=0.0005, position=0.0, number=1):
 
 def decide(*faces, room=1.2, speed=0.0, answers=60, knowledge=KNOWLEDGE, failures=(),
            free_from=math.inf, **more):
-    """Return the decision of a ball whose front is so far before 0, after some observations."""
+    """Return the decision of a ball with its front `room` before 0, after `answers` calls."""
     plan, decision = RolloutPlanner(knowledge), None
     for number in range(answers):
         situation = Situation(
@@ -58,13 +58,13 @@ def test_the_step_of_the_paper_is_crossed_gently():
     assert 1.2 < answer.outlook.braking_room < 1.2 + RADIUS
 
 
-def test_a_higher_step_takes_more_speed():
+def test_a_higher_step_requires_more_speed():
     speeds = [decide(step(height)).outlook.touch_speed for height in (0.012, 0.025, 0.045)]
     assert speeds == sorted(speeds) and speeds[2] > speeds[0] + 0.2
 
 
-def test_a_swing_crosses_what_needed_a_longer_run_up():
-    # The old decision crossed 14 mm from there.
+def test_a_swing_replaces_a_longer_run_up():
+    # An earlier planner crossed only 14 mm from there.
     answer = decide(step(0.027), room=0.3)
     assert answer.kind is Kind.CROSS and answer.plan.strategy is Strategy.SWING
     assert math.isfinite(answer.plan.swing_position)
@@ -73,10 +73,10 @@ def test_a_swing_crosses_what_needed_a_longer_run_up():
 @pytest.mark.parametrize('height, kind, reason', [
     (0.07, Kind.GO_ROUND, Reason.TOO_HIGH), (0.5, Kind.GO_ROUND, Reason.WALL),
     (-0.1, Kind.STOP, Reason.DROP)])
-def test_an_impassable_step_is_refused_with_a_stopping_place(height, kind, reason):
+def test_an_impassable_step_is_refused_with_a_stop_position(height, kind, reason):
     answer = decide(step(height), speed=0.4)
     assert (answer.kind, answer.reason) == (kind, reason)
-    # The front of the ball stays the stop gap away.
+    # The front of the ball keeps the stop gap.
     assert answer.plan.stop_position == pytest.approx(-RADIUS - TUNING.stop_gap)
 
 
@@ -86,7 +86,7 @@ def test_a_face_that_may_also_be_a_drop_is_approached_as_neither_a_wall_nor_a_st
     assert answer.set_speed > 0.0
 
 
-def test_no_plan_lands_on_an_unknown_slope_until_the_motion_has_shown_it():
+def test_no_step_is_crossed_before_the_slope_has_been_estimated():
     plan, decision, kinds = RolloutPlanner(KNOWLEDGE), None, []
     for number in range(150):
         motion = Motion(0.02 * number, -1.9 + 0.004 * number, 0.2,
@@ -96,7 +96,7 @@ def test_no_plan_lands_on_an_unknown_slope_until_the_motion_has_shown_it():
     assert set(kinds[:75]) == {Kind.STOP} and decision.kind is Kind.CROSS
 
 
-def test_a_step_without_another_way_stays_so_while_its_height_is_estimated_again():
+def test_a_refusal_does_not_alternate_while_the_estimated_height_varies():
     plan, decision, reasons = RolloutPlanner(KNOWLEDGE), None, []
     for number in range(200):
         height = 0.058 if number < 60 or number >= 130 else 0.052
@@ -107,17 +107,17 @@ def test_a_step_without_another_way_stays_so_while_its_height_is_estimated_again
     assert set(refused) == {Reason.TOO_HIGH}
 
 
-def test_without_room_it_says_that_a_longer_run_up_would_do_and_takes_it_where_it_is_free():
+def test_without_room_the_ball_backs_off_for_a_longer_run_up_where_the_ground_is_free():
     assert decide(step(0.045), room=0.3).reason is Reason.NO_ROOM
     answer = decide(step(0.045), room=0.3, free_from=-2.5)
     assert (answer.kind, answer.reason) == (Kind.BACK_OFF, Reason.RUN_UP)
     assert -2.5 <= answer.plan.start < -0.3 - RADIUS
-    # Backwards is not a crossing: the guard allows no more.
+    # Backing off is not a crossing: the safety filter limits it to the cruise speed.
     assert answer.set_speed <= TUNING.cruise_speed and answer.plan.speed <= TUNING.cruise_speed
     assert answer.start_distance == pytest.approx(-0.3 - RADIUS - answer.plan.start)
 
 
-def test_a_longer_run_up_is_compared_again_at_its_start_not_on_the_way_back():
+def test_a_longer_run_up_is_evaluated_again_at_its_start_not_while_backing_off():
     plan, height, decision = RolloutPlanner(KNOWLEDGE), 0.045, None
     here = start = -0.3 - RADIUS
     for number in range(200):
@@ -131,7 +131,7 @@ def test_a_longer_run_up_is_compared_again_at_its_start_not_on_the_way_back():
     assert (decision.kind, decision.reason) == (Kind.GO_ROUND, Reason.TOO_HIGH)
 
 
-def test_when_it_has_backed_off_it_crosses_immediately_as_planned():
+def test_after_backing_off_the_ball_crosses_immediately_as_planned():
     plan, here, decision, back = RolloutPlanner(KNOWLEDGE), -0.3 - RADIUS, None, None
     for number in range(50):  # 1 s, for the search
         motion = Motion(0.02 * number, here, 0.0)
@@ -169,7 +169,7 @@ def test_a_drop_close_behind_the_edge_is_not_risked():
 
 @pytest.mark.parametrize('unseen_room, kind, reason', [
     (1.5, Kind.CROSS, Reason.LIKELY), (0.0, Kind.STOP, Reason.LANDING)])
-def test_a_step_down_is_crossed_where_the_floor_below_it_is_granted(unseen_room, kind, reason):
+def test_a_step_down_is_crossed_where_floor_below_it_is_granted(unseen_room, kind, reason):
     knowledge = replace(KNOWLEDGE, tuning=replace(TUNING, unseen_room=unseen_room))
     answer = decide(step(-0.03), knowledge=knowledge)
     assert (answer.kind, answer.reason) == (kind, reason)
@@ -183,7 +183,7 @@ def test_a_plan_that_falls_in_one_world_is_not_selected():
     assert good(Tally(over=199.0, falls=1.0), 0.9, sigmas=2.0)  # if it has been selected
 
 
-def test_a_threshold_is_carried_over():
+def test_a_plan_carries_the_ball_over_a_threshold():
     answer = decide(step(0.02), Face(2, 0.1, -0.02, 0.01, 0.001))
     assert answer.kind is Kind.CROSS and answer.plan.edge > 0.1
 
@@ -197,7 +197,7 @@ def test_no_plan_ends_between_two_edges_where_the_ball_cannot_stand():
 
 @pytest.mark.parametrize('drop, kind', [(-0.01, Kind.CROSS), (-0.18, Kind.STOP)])
 @pytest.mark.parametrize('edges', [2, 4, 6])
-def test_a_drop_behind_many_low_edges_is_not_forgotten(edges, drop, kind):
+def test_a_drop_behind_many_low_edges_is_considered(edges, drop, kind):
     heights, places = [], []
     for number in range(edges):
         places.append(0.06 * (number // 2) + 0.05 * (number % 2))
@@ -213,7 +213,7 @@ def test_a_drop_behind_many_low_edges_is_not_forgotten(edges, drop, kind):
     assert answer.kind is kind
 
 
-def test_to_see_more_of_the_floor_does_not_shrink_the_room_behind_an_edge():
+def test_observing_more_of_the_floor_does_not_reduce_the_room_behind_an_edge():
     rooms = []
     for end in (0.1, 0.3, 0.8, 1.2):
         profile = seen(step(0.02), points=[(-3.0, 0.0), (0.0, 0.0), (0.0, 0.02), (end, 0.02)],
@@ -238,7 +238,7 @@ def test_a_drop_is_a_trench_only_if_the_ground_behind_it_is_high_enough(rise, en
     assert bool(found.ends) == ends
 
 
-def test_before_a_small_step_down_too_late_for_a_stop_it_decides_immediately():
+def test_past_the_last_braking_point_a_small_step_down_is_crossed_immediately():
     floor = [(-3.0, 0.0), (0.0, 0.0), (0.0, -0.01), (3.0, -0.01)]
     answer = decide(step(-0.01), room=0.1 - RADIUS, speed=0.6, answers=1, points=floor,
                     seen_to=3.0)
@@ -246,7 +246,7 @@ def test_before_a_small_step_down_too_late_for_a_stop_it_decides_immediately():
     assert answer.set_speed <= TUNING.cruise_speed
 
 
-def test_a_certain_step_down_stays_certain_if_the_ball_becomes_slower_than_it_was_measured():
+def test_a_committed_step_down_stays_committed_if_the_measured_speed_falls():
     floor = [(-3.0, 0.0), (0.0, 0.0), (0.0, -0.045), (3.0, -0.045)]
     room = 0.9 * StopLines(KNOWLEDGE).braking.distance(0.5, 0.0, emergency=True)
     plan, decision = RolloutPlanner(KNOWLEDGE), None
@@ -257,7 +257,7 @@ def test_a_certain_step_down_stays_certain_if_the_ball_becomes_slower_than_it_wa
         assert (decision.kind, decision.reason) == (Kind.CROSS, Reason.COMMITTED)
 
 
-def test_where_the_slope_is_not_observed_the_speed_before_a_stop_allows_for_its_uncertainty():
+def test_the_speed_before_a_stop_allows_for_the_uncertainty_of_the_slope():
     def speed(slope, slope_sd):
         motion = Motion(0.0, 0.0, 0.3, slope=slope, slope_sd=slope_sd)
         return StopLines(KNOWLEDGE).speed_before(0.5, Situation(motion, seen()))
@@ -265,7 +265,7 @@ def test_where_the_slope_is_not_observed_the_speed_before_a_stop_allows_for_its_
     assert speed(0.0, 0.01) == pytest.approx(speed(-0.01 * TUNING.sigma_margin, 0.0))
 
 
-def test_a_plan_is_kept_as_soon_as_the_weakest_robot_could_not_stop():
+def test_a_plan_is_committed_once_the_weakest_robot_cannot_stop():
     needed = StopLines(KNOWLEDGE).braking.distance(0.6, 0.0, emergency=True)
     for run_up, reason in (needed + 0.1, Reason.LIKELY), (needed, Reason.COMMITTED):
         answer = decide(step(0.01), room=run_up - RADIUS + touch_distance(RADIUS, 0.01), speed=0.6)
@@ -317,7 +317,7 @@ def test_a_face_whose_foot_the_ball_has_passed_is_not_ahead():
     assert faces_ahead(seen(below, ahead), 0.0) == (ahead,)
 
 
-def test_the_label_before_a_step_without_room_behind_is_the_same_on_the_way():
+def test_the_decision_before_a_step_without_room_behind_does_not_alternate():
     planner = RolloutPlanner(replace(KNOWLEDGE, tuning=replace(TUNING, unseen_room=0.0)))
     decision, kinds = planner(Situation(Motion(0.0, -3.5, 0.4), seen()), None), []
     for number in range(1, 400):
@@ -337,12 +337,12 @@ def test_a_failed_plan_is_followed_by_a_stronger_one():
     assert after.kind is Kind.CROSS
     assert (after.plan.speed > before.plan.speed
             or after.plan.swing_angle > before.plan.swing_angle)
-    most = Plan(Strategy.SWING, speed=1.1, swing_position=-0.5, swing_angle=TUNING.largest_swing)
-    last = decide(step(0.03), failures=(failure, replace(failure, plan=most)))
+    best = Plan(Strategy.SWING, speed=1.1, swing_position=-0.5, swing_angle=TUNING.largest_swing)
+    last = decide(step(0.03), failures=(failure, replace(failure, plan=best)))
     assert last.kind is Kind.GO_ROUND and last.reason is Reason.FAILED_BEFORE
 
 
-def test_more_confidence_asks_for_more_speed_or_a_lower_step():
+def test_a_crossing_meets_a_higher_required_probability_or_is_refused():
     bold = decide(step(0.04))
     careful = decide(step(0.04), knowledge=replace(
         KNOWLEDGE, tuning=replace(TUNING, required_probability=0.99)))
@@ -367,7 +367,7 @@ def test_another_search_of_the_same_situation_has_the_same_result(height):
     assert outlooks[0].attempts > 0 and repr(outlooks[0]) == repr(outlooks[1])
 
 
-def test_without_news_it_keeps_its_mind():
+def test_noise_of_the_height_does_not_change_the_decision():
     plan, decision, kinds = RolloutPlanner(KNOWLEDGE), None, []
     for number in range(150):
         height = 0.036 + 0.0004 * math.sin(7.0 * number)
@@ -377,7 +377,7 @@ def test_without_news_it_keeps_its_mind():
     assert sum(now != before for before, now in zip(kinds, kinds[1:])) <= 2
 
 
-def test_it_says_why_the_other_strategies_lost():
+def test_the_outlook_says_why_other_strategies_were_not_selected():
     answer = decide(step(0.03))
     assert any(text.startswith('cruise:') for text in answer.outlook.others)
 
@@ -387,7 +387,7 @@ def test_it_says_why_the_other_strategies_lost():
     anything, strategies.floats(-1.0, 1.0), strategies.floats(0.0, 0.3),
     strategies.floats(-0.1, 0.5)), max_size=4), anything, strategies.floats(-3.0, 3.0),
     strategies.floats(-0.3, 0.3))
-def test_nothing_that_is_finite_raises(faces, position, speed, slope):
+def test_no_finite_input_raises_an_error(faces, position, speed, slope):
     profile = seen(*(Face(number, place, height, 0.01, sd, run)
                      for number, (place, height, sd, run) in enumerate(faces, 1)))
     answer = kept()(Situation(Motion(0.0, position, speed, slope=slope), profile), None)

@@ -16,7 +16,7 @@ DROP, WALL = ((0.0, -0.12),), ((0.0, 0.3),)
 
 def drive(strides, planner='rollout', slope=0.0, foot=1.8, goal=math.inf, unseen_room=0.0,
           **sensor):
-    """Return the row of an approach of the nominal robot."""
+    """Return the result row of an approach by the nominal robot."""
     ground = lay('obstacle', Shape('obstacle', list(strides), goal), foot, math.radians(slope),
                  None, NOMINAL.robot.surface_friction)
     row = run_approach(Approach(0, 0, NOMINAL.robot, ground, SensorModel(**sensor), 0.0, 0.0,
@@ -51,33 +51,33 @@ def test_behind_a_sill_on_a_descent_the_ball_stops_before_the_drop(slope, sill):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('strides', [DROP, WALL])
-def test_outliers_of_a_terrain_sensor_are_single_lost_points(strides):
+def test_outliers_of_a_terrain_sensor_do_not_change_the_outcome(strides):
     row = drive(strides, kind='terrain', height_sd=0.001, outliers=0.1)
     assert row['outcome'] == 'stopped' and row['changes'] <= 2
 
 
 @pytest.mark.parametrize('distance', [0.1, *slow(0.4)])
-def test_a_step_sensor_crosses_no_bump_behind_which_it_sees_nothing(distance):
+def test_with_a_step_sensor_no_bump_before_unobserved_ground_is_crossed(distance):
     row = drive([(0.0, 0.009), (0.04, 0.0), (0.0, -0.009), (distance, 0.0), (0.0, -0.15)],
                 kind='step')
     assert row['outcome'] == 'stopped'
 
 
 @pytest.mark.parametrize('number', [*slow(
-    219,    # frozen where the nominal robot could still stop, and the drawn one could not
-    597,    # a face between ground seen before and behind the ball was crossed from on top of it
-    819,    # such a face hid that the next one had failed before
-    543,    # frozen while it crosses: its edges moved along
-    1382),  # frozen between the two edges of a plan
-    362])   # late behind an edge: the plan of least harm was kept when braking was possible again
-def test_drawn_approaches_that_ended_in_a_fall_or_a_hit(number):
+    219,    # frozen sensor where the nominal robot could still stop and the sampled one could not
+    597,    # a crossing started on top of its face, between ground observed on both sides
+    819,    # such a face hid an earlier failure at the next one
+    543,    # sensor frozen during a crossing: the edges moved with the ball
+    1382),  # sensor frozen between the two edges of a plan
+    362])   # late behind an edge: the least harmful plan was kept when braking was possible again
+def test_sampled_approaches_that_ended_in_a_fall_or_a_hit_are_safe(number):
     row = run_approach(
         draw_approach(NOMINAL.robot, NOMINAL.tuning, 11, number), 'rollout', NOMINAL)
     assert row['outcome'] in ('stopped', 'over') and row['changes'] <= 2
 
 
 @pytest.mark.slow
-def test_at_the_end_of_a_short_sight_the_label_does_not_alternate():
+def test_at_the_end_of_a_short_sensor_range_the_decision_does_not_alternate():
     row = drive([(2.0, 0.0)], slope=-2.7, goal=2.0, kind='terrain', reach=1.18,
                 height_sd=0.0015)
     assert row['changes'] <= 1

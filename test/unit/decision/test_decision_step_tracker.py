@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tracker: converges, moves on, reports contradictions, survives anything."""
+"""The step tracker: convergence, passed steps, contradictions and arbitrary input."""
 from dataclasses import replace
 import math
 import re
@@ -45,7 +45,7 @@ def test_noise_averages_out_while_the_ball_rolls():
     assert step.height_sd < 0.0006
 
 
-def test_heights_without_reported_noise_average_out_as_well():
+def test_unreported_noise_of_heights_averages_out_as_well():
     random, tracking = np.random.default_rng(5), tracker()
     heights = [tracking.update(
         seen(0.02 * index, 1.5, 0.006 + random.normal(0.0, 0.0015), 0.0, 0.0), 0.0).face.height
@@ -55,12 +55,12 @@ def test_heights_without_reported_noise_average_out_as_well():
     assert np.mean(heights[30:]) == pytest.approx(0.006, abs=0.0005)
 
 
-def test_deviation_of_zero_is_not_accepted():
+def test_a_standard_deviation_of_zero_is_replaced():
     step = tracker().update(seen(0.0, distance_sd=0.0, height_sd=0.0), 0.0).face
     assert step.position_sd > 0.0 and step.height_sd > 0.0
 
 
-def test_next_step_is_another_step():
+def test_the_next_step_has_another_number():
     tracking = tracker()
     assert tracking.update(seen(0.0, 0.5), 0.0).face.number == 1
     assert tracking.update(seen(0.1, 0.5), 0.0).face.number == 1
@@ -70,21 +70,21 @@ def test_next_step_is_another_step():
     assert step.position == pytest.approx(1.31)
 
 
-def test_passed_step_is_forgotten():
+def test_a_passed_step_is_removed():
     tracking = tracker()
     tracking.update(seen(0.0, 0.5), 0.0)
     assert tracking.update(nothing(0.1), 0.49).face is None
 
 
-def test_a_step_beyond_the_range_of_its_sensor_is_not_missed():
-    """The sensor sees 1 m far, and does not say so when it detects nothing."""
+def test_a_step_beyond_the_range_of_its_sensor_is_kept():
+    """The sensor has a range of 1 m, which it does not report if it detects nothing."""
     tracking = tracker()
     for index, position in enumerate([*np.arange(0.0, 0.8, 0.01), *np.arange(0.8, -0.5, -0.01)]):
         distance, stamp = 1.5 - float(position), 0.02 * index
         profile = tracking.update(
             seen(stamp, distance) if distance < 1.0 else nothing(stamp), float(position))
     assert profile.face.number == 1
-    for index in range(40):  # it is gone
+    for index in range(40):  # the step has been removed
         profile = tracking.update(nothing(6.0 + 0.02 * index), 0.7)
     assert profile.face is None
 
@@ -100,7 +100,7 @@ def test_contradictions_are_reported_and_not_averaged_in(second):
     assert track.face == before
 
 
-def test_a_world_that_really_changed_is_accepted_after_some_looks():
+def test_a_persistent_change_is_accepted_after_several_observations():
     tracking = tracker()
     tracking.update(seen(0.0, height=0.03), 0.0)
     answers = [tracking.update(seen(0.1 * index, height=0.06), 0.0) for index in range(1, 6)]
@@ -108,7 +108,7 @@ def test_a_world_that_really_changed_is_accepted_after_some_looks():
     assert answers[-1].face.height == 0.06 and answers[-1].face.number == 2
 
 
-def test_slip_that_displaces_the_step_does_not_make_another_of_it():
+def test_a_step_that_slip_displaces_keeps_its_number():
     tracking = tracker()
     tracking.update(seen(0.0, 0.3), 0.0)
     for index in range(1, 6):
@@ -117,7 +117,7 @@ def test_slip_that_displaces_the_step_does_not_make_another_of_it():
     assert track.face.position == pytest.approx(0.2)
 
 
-def test_step_is_kept_where_a_sensor_may_look_over_it_and_forgotten_far_off():
+def test_a_missed_step_is_kept_near_the_ball_and_removed_far_ahead():
     near, far = tracker(), tracker()
     near.update(seen(0.0, 0.3), 0.0)
     far.update(seen(0.0, 1.0), 0.0)
@@ -140,7 +140,7 @@ def test_odometry_that_is_not_finite_is_reported():
     assert tracker().update(seen(0.0), math.nan).rejection is Reason.BAD_OBSERVATION
 
 
-def test_reset_forgets_but_does_not_reuse_numbers():
+def test_a_reset_removes_steps_and_does_not_reuse_numbers():
     tracking = tracker()
     tracking.update(seen(100.0), 0.0)
     tracking.reset()
@@ -151,7 +151,7 @@ def test_reset_forgets_but_does_not_reuse_numbers():
 @given(strategies.lists(strategies.tuples(
     anything, strategies.booleans(), anything, anything, anything, anything, anything),
     max_size=8))
-def test_no_observation_makes_it_raise_or_invent_a_step(rows):
+def test_no_observation_raises_an_error_or_gives_an_invalid_step(rows):
     tracking = tracker()
     for *observation, position in rows:
         step = tracking.update(StepObservation(*observation), position).face
@@ -167,7 +167,7 @@ def fused(first, second):
     return ((one * weights[0] + other * weights[1]) / sum(weights), sum(weights)**-0.5)
 
 
-def test_a_better_look_counts_for_more():
+def test_a_more_accurate_observation_has_more_weight():
     tracking = tracker()
     tracking.update(seen(0.0, 1.0, 0.030, 0.02, 0.002), 0.0)
     step = tracking.update(seen(0.1, 0.92, 0.033, 0.04, 0.001), 0.1).face
@@ -176,19 +176,19 @@ def test_a_better_look_counts_for_more():
     assert step.number == 1
 
 
-def test_a_deviation_that_is_not_given_is_unknown():
+def test_a_missing_standard_deviation_is_treated_as_zero():
     assert tracker().update(StepObservation(0.0, True, 1.0, 0.03), 0.0).face \
         == tracker().update(seen(0.0, distance_sd=0.0, height_sd=0.0), 0.0).face
 
 
-def test_no_number_of_looks_makes_a_step_known_exactly():
+def test_no_number_of_observations_makes_a_step_exact():
     tracking = tracker()
     for index in range(5):
         reported = tracking.update(seen(0.1 * index, distance_sd=0.01, height_sd=1e-5), 0.0).face
         assert (reported.position_sd, reported.height_sd) == (0.01, 0.0005)
 
 
-def test_a_sensor_that_reports_nothing_is_bad_until_its_looks_show_how_they_scatter():
+def test_unreported_noise_is_assumed_large_until_the_scatter_is_known():
     tracking = tracker()
     steps = [tracking.update(seen(0.1 * index, distance_sd=0.0, height_sd=0.0), 0.0).face
              for index in range(20)]
@@ -198,7 +198,7 @@ def test_a_sensor_that_reports_nothing_is_bad_until_its_looks_show_how_they_scat
 
 
 @pytest.mark.parametrize('reported', [0.0, 0.0005])
-def test_looks_that_scatter_more_than_reported_count_by_their_scatter(reported):
+def test_observations_with_more_scatter_than_reported_are_weighted_by_their_scatter(reported):
     random, errors = np.random.default_rng(1), []
     for _ in range(40):
         tracking = tracker()
@@ -209,7 +209,7 @@ def test_looks_that_scatter_more_than_reported_count_by_their_scatter(reported):
     assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 1.35
 
 
-def test_a_step_that_grows_on_approach_is_uncertain_by_what_it_may_grow_yet():
+def test_the_uncertainty_of_a_step_that_grows_on_approach_covers_its_further_growth():
     tracking = tracker()
     for index in range(60):
         distance = 2.0 - 0.03 * index
@@ -221,12 +221,12 @@ def test_a_step_that_grows_on_approach_is_uncertain_by_what_it_may_grow_yet():
     assert track.face.height < 0.029
 
 
-def test_floor_that_is_seen_to_be_clear_is_known_as_far_as_it_was_seen():
+def test_clear_floor_is_observed_up_to_the_reported_range():
     assert tracker().update(StepObservation(0.0, False, 1.5), 0.2).seen_to == 1.7
     assert tracker().update(nothing(0.0), 0.2).seen_to == math.inf
 
 
-def test_behind_the_edge_that_it_detects_a_step_sensor_sees_only_the_room_that_is_granted():
+def test_behind_a_detected_edge_only_the_granted_room_counts_as_observed():
     for room in (0.0, 1.5):
         granted = ProfileTracker(GIMBALL, DecisionTuning(unseen_room=room))
         assert granted.update(seen(0.0, 1.0), 0.2).seen_to == pytest.approx(1.2 + room)
@@ -235,9 +235,9 @@ def test_behind_the_edge_that_it_detects_a_step_sensor_sees_only_the_room_that_i
 
 
 @pytest.mark.parametrize('name, deviation', [
-    # Of both looks together, five deviations are allowed.
+    # Five combined standard deviations of both observations are allowed.
     ('distance', 5.0 * math.hypot(0.01, 0.02)), ('height', 5.0 * math.hypot(0.002, 0.004))])
-def test_a_contradiction_is_what_both_deviations_do_not_explain(name, deviation):
+def test_a_contradiction_exceeds_the_combined_deviation_of_both_observations(name, deviation):
     for sign in (1.0, -1.0):
         for more in (0.99, 1.01):
             tracking = tracker()
@@ -254,15 +254,15 @@ def test_a_contradiction_is_what_both_deviations_do_not_explain(name, deviation)
     (seen(0.1, distance=0.8), ['200', '5']),
     (StepObservation(0.1, False, height=0.03), ['30']),
     (seen(0.1, distance=-0.1), ['0.1']), (seen(0.1, distance=2e6), ['2e+06'])])
-def test_a_rejection_has_the_numbers_in_it(second, numbers):
+def test_a_rejection_contains_the_numbers(second, numbers):
     tracking = tracker()
     tracking.update(seen(0.0), 0.0)
-    said = tracking.update(second, 0.0).explanation
-    assert re.findall(r'\d[\d.e+]*', said) == numbers
+    explanation = tracking.update(second, 0.0).explanation
+    assert re.findall(r'\d[\d.e+]*', explanation) == numbers
 
 
 @pytest.mark.parametrize('name', ['distance', 'distance_sd', 'height_sd'])
-def test_zero_is_possible_and_a_million_metres_are_the_limit(name):
+def test_values_from_zero_to_a_million_metres_are_accepted(name):
     # Heights may be negative: a drop.
     for value in (0.0, 1e6):
         assert tracker().update(replace(seen(0.0), **{name: value}), 0.0).rejection is None
@@ -272,14 +272,14 @@ def test_zero_is_possible_and_a_million_metres_are_the_limit(name):
     assert tracker().update(seen(0.0, height=-1e6), 0.0).rejection is None
 
 
-def test_of_two_looks_of_one_moment_the_first_counts_and_not_that_it_was_late():
+def test_a_rejected_observation_does_not_make_an_earlier_one_late():
     tracking = tracker()
     tracking.update(seen(0.0), 0.0)
     assert tracking.update(seen(0.1, height=0.06), 0.0).rejection is Reason.CONTRADICTORY
-    assert tracking.update(seen(0.0), 0.0).rejection is None, 'the one of 0.1 s was not accepted'
+    assert tracking.update(seen(0.0), 0.0).rejection is None, 'that of 0.1 s was rejected'
 
 
-def test_one_good_look_between_them_makes_contradictions_none_in_a_row():
+def test_a_consistent_observation_resets_the_count_of_contradictions():
     tracking = tracker()
     tracking.update(seen(0.0), 0.0)
     for index in range(1, 15):
@@ -288,15 +288,15 @@ def test_one_good_look_between_them_makes_contradictions_none_in_a_row():
         assert (answer.rejection is None) == fine
 
 
-def test_a_look_that_finds_the_step_makes_misses_none_in_a_row():
+def test_a_detection_resets_the_count_of_misses():
     tracking = tracker()
     tracking.update(seen(0.0), 0.0)
     for index in range(1, 15):
-        look = seen if index % 5 == 0 else nothing
-        assert tracking.update(look(0.1 * index), 0.0).face is not None
+        observe = seen if index % 5 == 0 else nothing
+        assert tracking.update(observe(0.1 * index), 0.0).face is not None
 
 
-def test_after_a_step_was_forgotten_the_next_is_given_as_many_looks():
+def test_after_the_removal_of_a_step_the_count_of_misses_starts_at_zero():
     tracking = tracker()
     tracking.update(seen(0.0), 0.0)
     for index in range(1, 9):
@@ -308,20 +308,20 @@ def test_after_a_step_was_forgotten_the_next_is_given_as_many_looks():
     assert tracking.update(nothing(1.2), 0.0).face.number == 2
 
 
-def test_a_single_step_that_no_other_observation_shows_never_enters():
-    """The sensor reports a phantom in each fifth observation, each elsewhere."""
+def test_a_step_in_a_single_observation_never_enters_the_profile():
+    """The sensor reports a phantom in every fifth observation, each at another position."""
     tracking = tracker()
     tracking.update(nothing(0.0), 0.0)
     for index in range(1, 50):
-        look = nothing(0.1 * index) if index % 5 else seen(
+        observation = nothing(0.1 * index) if index % 5 else seen(
             0.1 * index, 0.5 + 0.2 * index % 2.0, 0.01 + 0.03 * index % 0.1)
-        assert tracking.update(look, 0.0).face is None
+        assert tracking.update(observation, 0.0).face is None
 
 
 @pytest.mark.parametrize('height, moved, numbers', [
     (0.03, 1.9, [1]), (0.03, 2.0, [1, 2]),  # a radius away is another step
     (0.032, 1.9, [1]), (0.06, 1.9, [2])])   # and so is one of another height
-def test_a_place_that_is_accepted_again_is_the_same_step_if_slip_explains_it(
+def test_a_displaced_step_keeps_its_number_if_slip_explains_it(
         height, moved, numbers):
     tracking, radius = tracker(), GIMBALL.ball_radius
     tracking.update(seen(0.0, radius), 0.0)
@@ -341,7 +341,7 @@ def test_a_drop_close_behind_an_edge_is_another_edge():
     assert [face.height for face in answer.faces] == pytest.approx([0.015, -0.03])
 
 
-def test_an_observation_that_was_overtaken_is_lost_and_changes_nothing():
+def test_an_observation_out_of_order_does_not_change_the_profile():
     fusion = GroundFusion(GIMBALL, DecisionTuning())
     for number in range(11):
         fusion.move(Motion(9.0 + 0.1 * number, 0.0, 0.0))
@@ -355,10 +355,10 @@ def test_an_observation_that_was_overtaken_is_lost_and_changes_nothing():
 
 
 @pytest.mark.parametrize('position, distance, number', [
-    (0.47, 0.13, 1),     # not passed: it is observed one more time
+    (0.47, 0.13, 1),     # not passed: it is observed once more
     (0.49, 0.10, 1),     # passed, and displaced by slip
-    (0.49, 0.12, 2)])    # passed, and further on than slip explains
-def test_a_step_is_the_next_one_once_the_last_is_passed_and_it_is_further_on(
+    (0.49, 0.12, 2)])    # passed, and farther ahead than slip explains
+def test_a_step_is_a_new_one_if_the_last_is_passed_and_slip_does_not_explain_it(
         position, distance, number):
     tracking = tracker()
     tracking.update(seen(0.0, 0.5, distance_sd=0.03), 0.0)
@@ -368,7 +368,7 @@ def test_a_step_is_the_next_one_once_the_last_is_passed_and_it_is_further_on(
 
 
 @pytest.mark.parametrize('distance, kept', [(1.49, True), (1.51, False)])
-def test_within_one_and_a_half_radii_a_step_is_kept_though_it_is_not_seen(distance, kept):
+def test_within_one_and_a_half_radii_a_step_is_kept_although_it_is_not_detected(distance, kept):
     tracking, radius = tracker(), GIMBALL.ball_radius
     tracking.update(seen(0.0, distance * radius), 0.0)
     for index in range(1, 12):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Polylines become a profile: faces, slopes, what is uncertain, and what is refused."""
+"""Profiles from polylines: faces, slopes, uncertainty, and refused observations."""
 from dataclasses import replace
 import math
 
@@ -31,11 +31,11 @@ def ground(*pieces):
     return Terrain(vertices)
 
 
-def approach(terrain, looks=40, to=0.8, height_sd=0.0, seed=0, tracking=None, **faults):
-    """Return the profiles of an approach from x = 0 at 20 looks a second."""
+def approach(terrain, count=40, to=0.8, height_sd=0.0, seed=0, tracking=None, **faults):
+    """Return the profiles of an approach from x = 0 with 20 observations per second."""
     sensor = TerrainSensor(terrain, 3.0, height_sd, seed, SensorFaults(**faults))
     tracking, profiles = tracking or tracker(), []
-    for number, x in enumerate(np.linspace(0.0, to, looks)):
+    for number, x in enumerate(np.linspace(0.0, to, count)):
         sight = sensor.measure(x, float(terrain.height(x)) + RADIUS, number)
         if sight is not None:
             profiles.append(tracking.update(TerrainObservation(
@@ -73,7 +73,7 @@ SCENES = {
 
 @pytest.mark.parametrize('name', SCENES)
 @pytest.mark.parametrize('height_sd', [0.0, 0.001])
-def test_the_faces_of_a_ground_are_found_and_no_others(name, height_sd):
+def test_the_faces_of_a_terrain_and_no_others_are_found(name, height_sd):
     terrain, expected = SCENES[name]
     profile = approach(terrain, height_sd=height_sd)[-1]
     assert profile.rejection is None
@@ -85,8 +85,8 @@ def test_the_faces_of_a_ground_are_found_and_no_others(name, height_sd):
 
 
 @pytest.mark.parametrize('seed', [0, *slow(1, 2, 3)])
-def test_a_face_little_above_the_noise_stays_once_it_is_known(seed):
-    profiles = approach(ground((0.0, 0.008)), looks=120, height_sd=0.003, seed=seed)
+def test_a_face_slightly_above_the_noise_stays_once_it_is_detected(seed):
+    profiles = approach(ground((0.0, 0.008)), count=120, height_sd=0.003, seed=seed)
     faces = [[face.number for face in profile.faces if abs(face.position - 1.2) < 0.05]
              for profile in profiles]
     first = next(index for index, numbers in enumerate(faces) if numbers)
@@ -95,7 +95,7 @@ def test_a_face_little_above_the_noise_stays_once_it_is_known(seed):
 
 
 @pytest.mark.parametrize('seed', [0, *slow(1, 2, 3)])
-def test_noise_of_a_sensor_that_reports_none_is_averaged(seed):
+def test_unreported_noise_is_averaged(seed):
     terrain = ground((0.0, 0.011), (0.15, 0.0), (0.0, 0.009))
     last = approach(terrain, 80, 0.8, 0.0034, seed, reported_sd=0.0)[-1]
     assert [face.position for face in last.faces] == pytest.approx([1.2, 1.35], abs=0.03)
@@ -103,7 +103,7 @@ def test_noise_of_a_sensor_that_reports_none_is_averaged(seed):
 
 
 def watch(terrain, to, seed=0, **camera):
-    """Return the profiles of a camera on an approach from x = 0 at 50 looks."""
+    """Return the profiles of 50 camera observations on an approach from x = 0."""
     model, tracking, profiles = SensorModel('camera', **camera), tracker(), []
     for number, x in enumerate(np.linspace(0.0, to, 50)):
         ahead, up, deviation = (tuple(values.tolist()) for values in Camera(
@@ -113,7 +113,7 @@ def watch(terrain, to, seed=0, **camera):
     return profiles
 
 
-def test_a_cord_of_few_points_is_not_taken_for_outliers():
+def test_a_cord_of_few_points_is_not_rejected_as_outliers():
     terrain = Terrain([(-2.0, 0.0), (0.598, 0.0), (0.598, 0.01), (0.606, 0.01), (0.606, 0.0),
                        (6.0, 0.0)])
     for profile in watch(terrain, to=0.1, eye_height=0.34, lowest_ray=math.radians(65.0),
@@ -130,7 +130,7 @@ def test_noise_that_is_largest_near_the_ball_makes_no_faces(seed):
 
 @pytest.mark.parametrize('seed', [2, 5, 8, *slow(3, 11)])
 def test_the_short_ground_before_a_wall_is_averaged_and_has_no_faces(seed):
-    """A scan has 20 nodes, and most of its points are of the wall."""
+    """A scan has 20 nodes, and most of its points are on the wall."""
     profiles = watch(NEAR_WALL, 0.15, seed, eye_height=0.15, lowest_ray=math.radians(63.0),
                      rays=324, height_sd=0.0027, faults=SensorFaults(reported_sd=0.5))
     assert all(abs(face.position - 0.5) < 0.06 for profile in profiles for face in profile.faces)
@@ -160,23 +160,23 @@ def test_ground_between_points_is_observed_if_the_ball_rolls_over_the_gap(gap, s
     assert profile.seen_to == pytest.approx(seen_to, abs=0.011)
 
 
-def test_a_known_face_that_is_not_there_any_more_is_dropped():
+def test_a_face_that_has_disappeared_is_removed():
     tracking = tracker()
-    approach(ground((0.0, 0.01)), looks=40, to=0.1, tracking=tracking)
-    gone = approach(ground((1.0, 0.0)), looks=160, to=0.1, tracking=tracking)
+    approach(ground((0.0, 0.01)), count=40, to=0.1, tracking=tracking)
+    gone = approach(ground((1.0, 0.0)), count=160, to=0.1, tracking=tracking)
     assert not gone[-1].faces
 
 
 @pytest.mark.parametrize('growth', [*slow(0.05), 0.15])
-def test_a_sensor_whose_far_heights_are_too_small_does_not_level_a_slope_out(growth):
+def test_far_heights_that_are_too_small_do_not_level_a_slope(growth):
     slopes = [profile.slope for profile in approach(
-        Terrain.slope(-0.04), looks=300, to=2.5, growth=growth)]
+        Terrain.slope(-0.04), count=300, to=2.5, growth=growth)]
     # Without an absolute reference the error would grow with the distance.
     assert -0.041 < min(slopes) and max(slopes) < -0.04 * (1.0 - growth)
 
 
 @pytest.mark.parametrize('seed', [0, *slow(1, 2)])
-def test_a_stretch_too_steep_stays_once_it_is_known(seed):
+def test_a_stretch_that_is_too_steep_stays_once_it_is_detected(seed):
     fusion = GroundFusion(GIMBALL, DecisionTuning())
     fusion.set_steepest(0.075)
     sensor = TerrainSensor(ground((0.5, -0.0393)), 3.0, 0.003, seed)  # 0.0785 rad
@@ -193,12 +193,12 @@ def test_a_stretch_too_steep_stays_once_it_is_known(seed):
 
 
 @pytest.mark.parametrize('name', ['rise', 'threshold', 'carpet', 'bevel', 'ramp', 'slope'])
-def test_looks_without_noise_reproduce_the_ground_to_a_millimetre(name):
+def test_observations_without_noise_reproduce_the_ground_to_a_millimetre(name):
     terrain, _ = SCENES[name]
     profile = approach(terrain)[-1]
     x, z = np.array(profile.points).T
     places = np.linspace(0.6, 3.0, 500)
-    # A face is known to a place, not to a millimetre.
+    # Positions of faces are less accurate than a millimetre.
     near = [np.abs(places - corner) < 0.04 for corner, _ in terrain.vertices]
     places = places[~np.any(near, axis=0)]
     assert np.interp(places, x, z) == pytest.approx(
@@ -206,7 +206,7 @@ def test_looks_without_noise_reproduce_the_ground_to_a_millimetre(name):
     assert len(x) < 12
 
 
-def test_ramps_and_slopes_are_no_faces_but_changes_of_the_polyline():
+def test_ramps_and_slopes_change_the_polyline_and_are_not_faces():
     profile = approach(SCENES['ramp'][0], height_sd=0.001)[-1]
     x, z = np.array(profile.points).T
     grade = (np.interp(1.6, x, z) - np.interp(1.3, x, z)) / 0.3
@@ -229,21 +229,21 @@ def test_a_bevel_has_a_run_and_a_vertical_face_none():
     assert bevel.run == pytest.approx(0.04, abs=0.01) and rise.run == 0.0
 
 
-def test_ground_that_an_edge_hides_is_as_low_as_the_next_seen():
+def test_occluded_ground_is_as_low_as_the_next_observed_ground():
     profile = approach(SCENES['drop'][0])[-1]
     hidden = np.linspace(1.22, 1.2 + 0.1 / RADIUS * 0.4, 5)
     assert np.interp(hidden, *zip(*profile.points)) == pytest.approx(-0.1, abs=0.01)
-    # The last observation but one, 0.02 m before, has shown all of it.
+    # The observation before the last one, 0.02 m earlier, contains all of it.
     assert profile.seen_to == pytest.approx(3.78, abs=0.03)
 
 
 def test_the_observed_terrain_ends_at_a_trench_with_a_hidden_floor():
     for width, depth, ends in ((0.35, 0.3, True), (0.03, 0.3, False)):
         terrain = ground((0.0, -depth), (width, 0.0), (0.0, depth))
-        profile = approach(terrain, to=0.0, looks=10)[-1]
+        profile = approach(terrain, to=0.0, count=10)[-1]
         assert not profile.faces
         assert (profile.seen_to < 1.25) == ends
-    # Seen deeper than a ball can sink into it, it is a pair of faces, known before more is seen.
+    # A trench observed deeper than a ball can sink into it is a pair of faces.
     profiles = approach(ground((0.0, -0.05), (0.15, 0.0), (0.0, 0.05)), to=0.9)
     assert [face.height for face in profiles[-1].faces] == pytest.approx([-0.05, 0.05], abs=0.005)
     assert profiles[-1].seen_to > 2.0
@@ -251,21 +251,21 @@ def test_the_observed_terrain_ends_at_a_trench_with_a_hidden_floor():
 
 
 @pytest.mark.parametrize('seed', [0, *slow(1, 2, 3)])
-def test_a_step_down_on_a_descent_is_as_high_from_afar_as_from_nearby(seed):
+def test_the_height_of_a_step_down_on_a_descent_does_not_depend_on_the_distance(seed):
     slope = -0.0664
     terrain = Terrain([(-2.0, -2.0 * slope), (1.8, 1.8 * slope), (1.8, 1.8 * slope - 0.043),
                        (6.0, 6.0 * slope - 0.043)])
-    profiles = approach(terrain, to=1.5, looks=75, height_sd=0.001, seed=seed)
+    profiles = approach(terrain, to=1.5, count=75, height_sd=0.001, seed=seed)
     for profile in profiles[5:]:
         assert len(profile.faces) == 1
         assert profile.face.height == pytest.approx(-0.043, abs=0.006)
 
 
-def test_nothing_is_known_behind_a_wall():
+def test_the_observed_terrain_ends_at_a_wall():
     assert approach(SCENES['wall behind'][0])[-1].seen_to == pytest.approx(1.6, abs=0.02)
 
 
-def test_faces_keep_their_numbers_and_a_passed_one_is_not_ahead_any_more():
+def test_faces_keep_their_numbers_and_a_passed_one_is_no_longer_ahead():
     tracking = tracker()
     numbers = [[face.number for face in profile.faces] for profile in approach(
         SCENES['two'][0], 80, 1.3, 0.001, tracking=tracking)]
@@ -274,33 +274,33 @@ def test_faces_keep_their_numbers_and_a_passed_one_is_not_ahead_any_more():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('looks', [2, 8, 30])
+@pytest.mark.parametrize('count', [2, 8, 30])
 @pytest.mark.parametrize('height_sd', [0.001, 0.003])
-def test_errors_of_height_are_as_large_as_reported(looks, height_sd):
+def test_errors_of_height_are_as_large_as_reported(count, height_sd):
     errors = []
     for seed in range(30):
-        face = approach(SCENES['rise'][0], looks, 0.01 * looks, height_sd, seed)[-1].face
+        face = approach(SCENES['rise'][0], count, 0.01 * count, height_sd, seed)[-1].face
         if face is not None:
             errors.append((face.height - 0.03) / face.height_sd)
     squares = float(np.sum(np.square(errors)))
-    # The chi-square bound of 99.9 % for 30; the floor of the deviation makes it less.
+    # The chi-square bound of 99.9 % for 30; the minimum deviation reduces the sum.
     assert len(errors) >= 28 and squares < 59.7
     assert squares > 0.02 * len(errors)
 
 
 @pytest.mark.parametrize('reported, floor', [(1.0, 0.0005), (0.0, 0.002)])
-def test_no_number_of_looks_makes_a_height_known_exactly(reported, floor):
+def test_no_number_of_observations_makes_a_height_exact(reported, floor):
     face = approach(SCENES['rise'][0], 60, 0.3, 0.0005, reported_sd=reported)[-1].face
     assert face.height_sd == floor
 
 
-def test_noise_that_is_not_reported_is_estimated_and_not_trusted_at_first():
+def test_unreported_noise_is_assumed_large_until_it_is_estimated():
     profiles = approach(SCENES['rise'][0], 40, 0.4, 0.003, reported_sd=0.0)
     assert all(profile.face is None or profile.face.height_sd > 0.0025 for profile in profiles[:4])
     assert abs(profiles[-1].face.height - 0.03) < 3.0 * profiles[-1].face.height_sd
 
 
-def test_a_step_that_grows_on_approach_is_uncertain_by_what_it_may_grow_yet():
+def test_the_uncertainty_of_a_step_that_grows_on_approach_covers_its_further_growth():
     steady, growing = (approach(SCENES['rise'][0], 40, 0.6, 0.0005, growth=growth)[-1].face
                        for growth in (0.0, 0.2))
     assert growing.height < 0.027
@@ -328,13 +328,13 @@ def test_a_step_that_grows_on_approach_is_uncertain_by_what_it_may_grow_yet():
     ({'x': (-0.3, 3.0), 'z': (-0.19,) * 2}, '-36 mm from the ball'),
     ({'x': (8.0, 9.0), 'z': (-0.226,) * 2, 'x_max': 9.0}, 'nothing of the ground'),
     ({'stamp': math.nan}, 'not finite')])
-def test_impossible_observations_are_refused_with_what_is_wrong(change, words):
+def test_impossible_observations_are_refused_with_an_explanation(change, words):
     for tracking in (tracker(), tracker()):
         profile = tracking.update(exact(Terrain.flat(), **change), 0.0)
         assert profile.rejection is Reason.BAD_OBSERVATION and words in profile.explanation
 
 
-def test_a_floor_that_is_seen_a_little_too_low_is_the_floor():
+def test_a_small_bias_of_the_sensor_does_not_displace_the_floor():
     for bias in (-0.029, 0.029):
         profile = tracker().update(exact(Terrain.flat(), z=(-RADIUS + bias,) * 8, x=tuple(
             np.linspace(-0.3, 3.0, 8).tolist())), 0.0)
@@ -342,7 +342,7 @@ def test_a_floor_that_is_seen_a_little_too_low_is_the_floor():
         assert profile.points[0][1] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_ground_that_changed_is_a_contradiction_and_accepted_if_it_lasts():
+def test_changed_ground_is_a_contradiction_and_is_accepted_if_it_persists():
     tracking = tracker()
     for index in range(5):
         before = tracking.update(exact(Terrain.step(0.06, at=1.0), stamp=0.1 * index), 0.0)
@@ -354,21 +354,21 @@ def test_ground_that_changed_is_a_contradiction_and_accepted_if_it_lasts():
 
 
 @pytest.mark.parametrize('place', [1.2, 1.203, 1.207, 1.2099])
-def test_a_wall_that_ends_the_view_is_seen_wherever_it_stands(place):
+def test_a_wall_at_the_end_of_the_view_is_found_at_any_position(place):
     terrain = Terrain([(-9.0, 0.0), (place, 0.0), (place, 0.5), (9.0, 0.5)])
     face = approach(terrain, 5, 0.05)[-1].face
     assert face.height > 0.3 and face.height + 4.0 * face.height_sd > 0.5
     assert face.position == pytest.approx(place, abs=0.015)
 
 
-def test_two_walls_around_the_ball_are_no_sensor_that_looks_backwards():
+def test_walls_on_both_sides_of_the_ball_are_not_taken_for_a_reversed_sensor():
     walls = Terrain([(-9.0, 0.5), (-0.5, 0.5), (-0.5, 0.0), (0.27, 0.0), (0.27, 0.5), (9.0, 0.5)])
     profile = approach(walls, 3, 0.01)[-1]
     assert profile.rejection is None and profile.face.height > 0.3
 
 
 @pytest.mark.slow
-def test_a_rough_floor_that_is_looked_at_for_long_does_not_break_into_faces():
+def test_long_observation_of_a_rough_floor_does_not_add_faces():
     terrain, tracking = SCENES['rise'][0], tracker()
     sight = TerrainSensor(terrain, 3.0, 0.001).measure(0.0, RADIUS, 0)
     for index in range(400):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tunings: each number in its range, and robot, curve and tuning that belong together."""
+"""Tunings: ranges of the numbers, and consistency of robot, curve and tuning."""
 from dataclasses import replace
 
 import pytest
@@ -42,7 +42,7 @@ def test_a_curve_for_another_approach_is_refused(name, shown):
     check_decision(GIMBALL, unknown, TUNING)
 
 
-def test_a_curve_of_balls_that_may_come_back_from_the_edge_is_refused():
+def test_a_curve_with_too_small_a_clearance_behind_the_edge_is_refused():
     assert CURVE.made.over == 'clear' and CURVE.made.clearance == 0.25
     older = replace(CURVE, made=replace(CURVE.made, over='edge', clearance=0.0))
     with refused('inconsistent', 'curve'):
@@ -52,13 +52,13 @@ def test_a_curve_of_balls_that_may_come_back_from_the_edge_is_refused():
         check_decision(GIMBALL, nearly, TUNING)
 
 
-def test_cruising_above_the_limit_is_refused():
+def test_a_cruise_speed_above_the_highest_speed_is_refused():
     with refused('inconsistent', 'cruise_speed'):
         DecisionTuning(cruise_speed=1.2)
     assert DecisionTuning(cruise_speed=1.1).cruise_speed == 1.1
 
 
-def test_an_emergency_that_leans_less_than_usual_is_refused():
+def test_an_emergency_lean_below_the_largest_lean_is_refused():
     with refused('inconsistent', 'emergency_lean'):
         DecisionTuning(largest_lean=1.45)
     assert DecisionTuning(largest_lean=1.4).emergency_lean == 1.4
@@ -100,7 +100,7 @@ def test_barely_consistent_values_are_accepted():
         check_decision(GIMBALL, CURVE, replace(TUNING, deceleration=possible + 1e-6))
 
 
-def test_a_curve_is_refused_by_a_robot_of_other_numbers():
+def test_a_curve_of_a_robot_with_other_parameters_is_refused():
     tuning = load_decision_tuning('decision_default')
     check_decision(GIMBALL, load_curve('gimball_down'), tuning)
     heavier = replace(GIMBALL, ball_mass=3.9)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The filter in matrices, as it is written in books: what the kernels are compared with."""
+"""The filter in textbook matrix form, the reference for the kernels."""
 import math
 
 import numpy as np
@@ -11,13 +11,13 @@ LONGEST_STEP, STRAY_TIME = 0.005, 0.1
 
 
 def turned(x, y, angle):
-    """Return a vector turned counter-clockwise by `angle` [rad]."""
+    """Return a vector rotated counter-clockwise by `angle` [rad]."""
     sine, cosine = math.sin(angle), math.cos(angle)
     return x * cosine - y * sine, x * sine + y * cosine
 
 
 class MatrixFilter:
-    """Like `PendulumFilter`, with the accelerations differentiated by hand."""
+    """Same filter as `PendulumFilter`, with hand-derived Jacobians of the accelerations."""
 
     def __init__(self, robot, tuning=FilterTuning()):
         self._robot, self._tuning, self._model = robot, tuning, RollingModel(robot)
@@ -26,14 +26,14 @@ class MatrixFilter:
         self._moment = self._model.pendulum_moment
 
     def predict(self, estimate, stamp, torque, imu=None):
-        """Return the estimate at a later time."""
+        """Return the estimate predicted to a later time."""
         while stamp > estimate.stamp + 1e-9:
             step = min(stamp - estimate.stamp, LONGEST_STEP)
             estimate = self._step(estimate, step, torque, imu)
         return estimate
 
     def _slopes(self, state, torque):
-        """Return phi'' and theta1'', and by which of phi, theta2, phi', theta1' they change."""
+        """Return phi'' and theta1'', and their derivatives by phi, theta2, phi' and theta1'."""
         robot, (pendulum, ball) = self._robot, self._inertia
         angle, _, rate, ball_rate, _ = state
         lever = self._moment * robot.ball_radius
@@ -78,14 +78,14 @@ class MatrixFilter:
         return Estimate(estimate.stamp + step, mean, covariance, estimate.encoder_zero)
 
     def with_encoder(self, estimate, encoder):
-        """Return the estimate improved by an encoder angle [rad]."""
-        turned_meanwhile = self._tuning.timing_sd * (estimate.mean[2] - estimate.mean[3])
+        """Return the estimate updated with an encoder angle [rad]."""
+        timing_error = self._tuning.timing_sd * (estimate.mean[2] - estimate.mean[3])
         return updated(estimate, np.array([0.0, 1.0, 0.0, 0.0, 0.0]),
                        encoder - estimate.encoder_zero - estimate.mean[1],
-                       self._tuning.encoder_sd**2 + turned_meanwhile**2)
+                       self._tuning.encoder_sd**2 + timing_error**2)
 
     def with_imu(self, estimate, imu, period):
-        """Return the estimate improved by an IMU reading."""
+        """Return the estimate updated with an IMU reading."""
         tuning, robot = self._tuning, self._robot
         estimate = updated(estimate, np.array([0.0, 0.0, 0.0, 1.0, 1.0]),
                            imu.turn_rate - estimate.mean[3] - estimate.mean[4],
@@ -99,7 +99,7 @@ class MatrixFilter:
 
 
 def updated(estimate, row, innovation, variance):
-    """Return the estimate after a scalar measurement: its row, innovation and variance."""
+    """Return the estimate after a scalar measurement with a row, innovation and variance."""
     across = estimate.covariance @ row
     gain = across / (row @ across + variance)
     return estimate._replace(mean=estimate.mean + gain * innovation,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The estimated pendulum angle against the true one of the simulated robot."""
+"""The estimated pendulum angle compared with the true angle of the simulated robot."""
 from dataclasses import replace
 import math
 
@@ -26,7 +26,7 @@ CASES = {
 
 
 def run(case, duration=2.5, imu=None, mounting=ImuMounting(), assumed=GIMBALL, late=0.0):
-    """Return estimates and true states of a robot whose pendulum is pushed back and forth."""
+    """Return estimates and true states under a sinusoidal torque, and the fusion."""
     terrain, changes, start = CASES[case]
     scene = read_scene({'robot': 'gimball', 'robot_changes': changes, 'terrain': terrain,
                         'initial': start, 'duration': duration}, case, case)
@@ -49,7 +49,7 @@ def angle_errors(pairs):
 
 
 @pytest.mark.parametrize('case', CASES)
-def test_with_an_imu_the_angle_is_right_for_any_motion_of_the_ball(case):
+def test_with_an_imu_the_angle_is_accurate_for_any_motion_of_the_ball(case):
     pairs, _ = run(case, imu=Imu(9.81))
     if case in ('crossing', 'flight'):
         assert pairs[-1][1].x > 1.2 + GIMBALL.ball_radius
@@ -57,7 +57,7 @@ def test_with_an_imu_the_angle_is_right_for_any_motion_of_the_ball(case):
 
 
 @pytest.mark.parametrize('case', ('rolling', 'crossing', 'flight'))
-def test_with_a_cheap_imu_the_error_stays_within_what_the_filter_admits(case):
+def test_with_a_low_cost_imu_the_error_stays_within_three_deviations(case):
     sensor = Imu(9.81, (0.05, -0.03), gyro_sd=0.005, force_sd=0.1, bias=0.01, seed=3)
     pairs, _ = run(case, imu=sensor, mounting=ImuMounting(0.05, -0.03))
     sds = np.array([estimate.angle_sd for estimate, _ in pairs])
@@ -65,25 +65,25 @@ def test_with_a_cheap_imu_the_error_stays_within_what_the_filter_admits(case):
     assert np.abs(angle_errors(pairs)).max() < math.radians(2.0)
 
 
-def test_without_an_imu_rolling_on_a_level_floor_is_enough():
+def test_without_an_imu_the_angle_is_accurate_on_a_level_floor():
     pairs, _ = run('rolling')
     assert np.abs(angle_errors(pairs)).max() < math.radians(1.0)
 
 
-def test_without_an_imu_a_slope_is_taken_for_a_lean_and_an_imu_corrects_it():
+def test_an_imu_corrects_the_angle_error_on_a_slope():
     wrong = np.abs(angle_errors(run('slope')[0])).max()
     corrected = np.abs(angle_errors(run('slope', imu=Imu(9.81))[0])).max()
     assert wrong > math.radians(4.0) and wrong > 5.0 * corrected
 
 
-def test_an_imu_that_comes_late_does_not_move_the_pendulum():
+def test_a_late_start_of_the_imu_does_not_shift_the_pendulum_angle():
     pairs, _ = run('rolling', imu=Imu(9.81), late=1.0)
     found = angle_errors(pairs)
     assert np.abs(np.diff(found)).max() < math.radians(0.5)
     assert abs(found[-1]) < math.radians(1.0)
 
 
-def test_the_estimate_of_a_wrong_robot_is_wrong_by_little_with_an_imu():
+def test_with_an_imu_wrong_robot_parameters_cause_a_small_error():
     assumed = replace(GIMBALL, pendulum_mass=1.7, joint_friction=0.2)
     pairs, _ = run('rolling', imu=Imu(9.81), assumed=assumed)
     assert np.abs(angle_errors(pairs)).max() < math.radians(1.0)

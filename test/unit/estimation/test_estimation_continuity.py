@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A jump of the encoder is noticed, and a pendulum that is hit is not taken for one."""
+"""Encoder jumps are detected, and impacts on the robot are not mistaken for jumps."""
 import math
 
 from hypothesis import given, settings, strategies as st
@@ -14,21 +14,21 @@ from ballbot_ros.plant import Imu, Plant
 
 GIMBALL = load_robot('gimball')
 PERIOD = 0.002
-TWO_TURNS = 2.0 * math.tau / 50.0  # of the motor, at the joint
-PLACE = (0.05, -0.03)
+TWO_TURNS = 2.0 * math.tau / 50.0  # of the motor, as a joint angle [rad]
+IMU_POSITION = (0.05, -0.03)
 # Name -> height of the step 2 m ahead [m], speed towards it [m/s].
 HARD = {'wall': (0.3, 4.0), 'drop': (-1.0, 1.0), 'crossing': (0.031, 2.0), 'level': (0.0, 1.0)}
 
 
 @pytest.fixture(scope='module', params=HARD)
 def motion(request):
-    """Return states, torques and IMU samples of a robot that is hit."""
+    """Return states, torques and IMU samples of a robot with impacts."""
     height, speed = HARD[request.param]
     terrain = [{'flat': {'length': 2.0}}, {'step': {'height': height}}, {'flat': {'length': 30.0}}]
     plant = Plant(read_scene(
         {'robot': 'gimball', 'initial': {'x': 0.5, 'velocity_x': speed}, 'duration': 3.0,
          'terrain': terrain if height else terrain[:1]}, 'test', 'test'), 1.0 / PERIOD)
-    imu = Imu(9.81, PLACE, gyro_sd=0.005, force_sd=0.1, bias=0.01, seed=3)
+    imu = Imu(9.81, IMU_POSITION, gyro_sd=0.005, force_sd=0.1, bias=0.01, seed=3)
     kept = []
     for number in range(800):
         torque, before = 1.2 * math.sin(1.2 * plant.time), plant.state
@@ -39,12 +39,12 @@ def motion(request):
 
 def followed(motion, imu=True, every=1, lag=0.0, late=lambda number: 0.0, jump=0.0, at=400,
              rates=True):
-    """Return fusion after a motion, and the joint angles that it took for right."""
-    fusion, angles, rate = Fusion(GIMBALL, ImuMounting(*PLACE)), [], 0.0
-    for number, (state, torque, felt) in enumerate(motion):
+    """Return the fusion after a motion, and its estimated joint angles."""
+    fusion, angles, rate = Fusion(GIMBALL, ImuMounting(*IMU_POSITION)), [], 0.0
+    for number, (state, torque, sample) in enumerate(motion):
         rate += (state.joint_rate - rate) * min(1.0, PERIOD / lag if lag else 1.0)
         if imu:
-            fusion.imu(felt)
+            fusion.imu(sample)
         if number % every == 0:
             angle = state.joint_angle - late(number) * state.joint_rate \
                 + (jump if number >= at else 0.0)
@@ -56,14 +56,14 @@ def followed(motion, imu=True, every=1, lag=0.0, late=lambda number: 0.0, jump=0
 
 @pytest.mark.parametrize('imu', [True, False])
 @pytest.mark.parametrize('every, lag', [(1, 0.0), (1, 0.005), (5, 0.005), (10, 0.0)])
-def test_no_hit_is_taken_for_a_jump(motion, imu, every, lag):
+def test_no_impact_is_detected_as_a_jump(motion, imu, every, lag):
     fusion, _ = followed(motion, imu, every, lag)
     assert (fusion.jumps, fusion.rezeroed) == (0, 0)
 
 
 @pytest.mark.parametrize('imu', [True, False])
 @pytest.mark.parametrize('rates', [True, False])
-def test_no_reading_that_is_up_to_3_ms_old_is_taken_for_a_jump(motion, imu, rates):
+def test_no_reading_up_to_3_ms_old_is_detected_as_a_jump(motion, imu, rates):
     fusion, _ = followed(motion, imu, rates=rates,
                          late=lambda number: 0.003 * (number * 7 % 5) / 4.0)
     assert (fusion.jumps, fusion.rezeroed) == (0, 0)
@@ -71,19 +71,19 @@ def test_no_reading_that_is_up_to_3_ms_old_is_taken_for_a_jump(motion, imu, rate
 
 @pytest.mark.parametrize('jump', [TWO_TURNS, -TWO_TURNS])
 @pytest.mark.parametrize('imu, every', [(True, 1), (False, 1), (True, 5)])
-def test_two_turns_of_the_motor_are_noticed_and_the_angle_stays_right(motion, imu, every, jump):
+def test_a_jump_of_two_motor_turns_is_detected_and_corrected(motion, imu, every, jump):
     _, right = followed(motion, imu, every)
     fusion, found = followed(motion, imu, every, jump=jump)
     assert fusion.rezeroed == 1
     assert fusion.last_jump == pytest.approx(jump, abs=0.03)
-    # Until its readings are used again the angle is a prediction.
+    # The angle is predicted until the encoder is used again.
     assert max(abs(one - other) for one, other in zip(found, right)) < 0.04
 
 
 @pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(st.floats(-25.0, 25.0), st.floats(0.12, 3.0), st.sampled_from([-1.0, 1.0]))
-def test_more_than_an_eighth_of_a_radian_is_noticed_at_any_rate(rate, jump, way):
+def test_a_jump_of_more_than_an_eighth_of_a_radian_is_detected_at_any_rate(rate, jump, sign):
     kept = Continuity()
     for number in range(10):
         angle = rate * PERIOD * number
@@ -91,13 +91,13 @@ def test_more_than_an_eighth_of_a_radian_is_noticed_at_any_rate(rate, jump, way)
         assert kept.doubt is None
     for number in range(10, 20):
         assert kept.doubt is None or kept.doubt.jump is None
-        angle = rate * PERIOD * number + way * jump
-        kept = kept.after(EncoderReading(PERIOD * number, angle, rate=rate), way * jump, rate)
+        angle = rate * PERIOD * number + sign * jump
+        kept = kept.after(EncoderReading(PERIOD * number, angle, rate=rate), sign * jump, rate)
         assert (kept.doubt is None) is (jump <= 0.04 + 0.003 * abs(rate))
-    assert kept.doubt is None or kept.doubt.jump == pytest.approx(way * jump)
+    assert kept.doubt is None or kept.doubt.jump == pytest.approx(sign * jump)
 
 
-def test_a_velocity_that_the_jump_itself_made_does_not_explain_it():
+def test_a_velocity_caused_by_the_jump_does_not_explain_the_jump():
     # The estimator of an ODrive follows a jump within a millisecond or two.
     kept = Continuity().after(EncoderReading(0.0, 0.0, rate=0.0), 0.0, 0.0)
     kept = kept.after(EncoderReading(0.002, 0.25, rate=250.0), 0.25, 0.0)
@@ -107,35 +107,35 @@ def test_a_velocity_that_the_jump_itself_made_does_not_explain_it():
 @pytest.mark.parametrize('angle, doubted', [
     (0.0, True), (-0.2, True), (-0.34, True), (-0.36, False), (0.14, True), (0.16, False),
     (0.35, False)])
-def test_after_a_pause_an_encoder_that_may_have_restarted_at_0_is_doubted(angle, doubted):
-    # It stood at 0.5 and has moved by -0.2 in the pause, by the prediction.
+def test_after_a_pause_a_possible_restart_of_the_encoder_at_0_is_doubted(angle, doubted):
+    # Before the pause the angle was 0.5; the predicted change in the pause is -0.2.
     kept = Continuity().after(EncoderReading(0.0, 0.5, rate=-1.0), 0.0, -1.0)
     kept = kept.after(EncoderReading(0.2, angle, rate=-1.0), angle - 0.3, -1.0)
     assert (kept.doubt is not None) is (doubted or abs(angle - 0.3) > 0.5)
 
 
 @pytest.mark.parametrize('rate', [1.0, 3.0, 5.0, 20.0])
-@pytest.mark.parametrize('held_up', [0.01, 0.016, 0.03])
-def test_answers_that_were_given_late_but_asked_in_time_are_no_jump(rate, held_up):
-    # A busy machine: questions of the past are all answered with the angle of now.
+@pytest.mark.parametrize('delay', [0.01, 0.016, 0.03])
+def test_delayed_encoder_replies_are_not_detected_as_a_jump(rate, delay):
+    # On a busy machine, all pending requests are answered with the present angle.
     kept, jumps = Continuity(), 0
     for number in range(60):
         stamp = PERIOD * number
-        looked = max(stamp, 0.04 + held_up) if 0.04 <= stamp <= 0.04 + held_up else stamp
-        angle = rate * looked
+        sampled = max(stamp, 0.04 + delay) if 0.04 <= stamp <= 0.04 + delay else stamp
+        angle = rate * sampled
         kept = kept.after(EncoderReading(stamp, angle, rate=rate), angle - rate * stamp, rate)
         jumps += kept.doubt is not None and kept.doubt.jump is not None
     assert jumps == 0 and kept.doubt is None
 
 
-def test_a_doubt_is_not_over_because_readings_pause():
+def test_a_pause_of_the_readings_does_not_end_a_doubt():
     kept = Continuity().after(EncoderReading(0.0, 0.0, rate=0.0), 0.0, 0.0)
     kept = kept.after(EncoderReading(0.002, 0.4, rate=0.0), 0.4, 0.0)
     assert kept.doubt is not None
     assert kept.after(EncoderReading(0.08, 0.45, rate=0.0), 0.45, 0.0).doubt is not None
 
 
-def test_a_filter_that_errs_is_corrected_by_an_encoder_that_goes_on_smoothly():
+def test_a_smooth_encoder_angle_corrects_a_wrong_filter():
     kept = Continuity().after(EncoderReading(0.0, 0.0, rate=5.0), 0.0, 5.0)
     for number in range(1, 30):
         reading = EncoderReading(PERIOD * number, 5.0 * PERIOD * number, rate=5.0)
@@ -143,7 +143,7 @@ def test_a_filter_that_errs_is_corrected_by_an_encoder_that_goes_on_smoothly():
         assert kept.doubt is None
 
 
-def test_a_single_reading_that_is_wrong_is_left_out_and_nothing_else():
+def test_a_single_wrong_reading_is_rejected_without_rezeroing():
     fusion, still = Fusion(GIMBALL), Fusion(GIMBALL)
     for number in range(20):
         angle = 0.3 if number == 10 else 0.0
@@ -154,7 +154,7 @@ def test_a_single_reading_that_is_wrong_is_left_out_and_nothing_else():
     assert (fusion.jumps, fusion.rezeroed) == (1, 0)
 
 
-def test_the_angle_is_relied_on_for_20_ms_and_given_up_after_100():
+def test_an_inconsistent_encoder_is_relied_on_for_20_ms_and_fails_after_100_ms():
     fusion = Fusion(GIMBALL)
     fusion.encoder(EncoderReading(0.0, 0.0, 0.0, 0.0))
     relied_on = {}
@@ -168,7 +168,7 @@ def test_the_angle_is_relied_on_for_20_ms_and_given_up_after_100():
     assert fusion.estimate is None and not fusion.is_relied_on()
 
 
-def test_an_encoder_that_jumps_three_times_in_5_s_is_given_up():
+def test_three_encoder_jumps_in_5_s_end_the_estimate():
     fusion, angle = Fusion(GIMBALL), 0.0
     with pytest.raises(EstimateLostError) as raised:
         for number in range(2000):
@@ -176,7 +176,7 @@ def test_an_encoder_that_jumps_three_times_in_5_s_is_given_up():
             fusion.encoder(EncoderReading(PERIOD * number, angle, 0.0, 0.0))
     assert raised.value.reason == 'encoder_jumps'
     assert number == 1109 and fusion.rezeroed == 3
-    for number in range(2000, 6000):  # one in 4 s is gone on from
+    for number in range(2000, 6000):  # one jump in 4 s is tolerated
         angle += TWO_TURNS if number % 2000 == 100 else 0.0
         fusion.encoder(EncoderReading(PERIOD * number, angle, 0.0, 0.0))
     assert fusion.rezeroed == 5

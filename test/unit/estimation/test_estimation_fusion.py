@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fusion is the filter in the order of the stamps, and copes with sensors that fail."""
+"""Fusion applies the filter in the order of the stamps and tolerates sensor failures."""
 from dataclasses import replace
 import math
 
@@ -23,26 +23,26 @@ def upright(stamp, turn_rate=0.0):
 
 
 def tilted(stamp, angle):
-    """Return what an IMU shows that rests at a ball angle."""
+    """Return the reading of an IMU at rest at a ball angle [rad]."""
     return ImuReading(stamp, 0.0, G * math.sin(angle), G * math.cos(angle))
 
 
 def started(encoder=0.0, **options):
-    """Return fusion with one encoder reading at time 0."""
+    """Return a fusion that has received one encoder reading at time 0."""
     fusion = Fusion(GIMBALL, **options)
     fusion.encoder(EncoderReading(0.0, encoder))
     return fusion
 
 
 def same(one, other):
-    """Return whether two estimates are the same."""
+    """Return whether two estimates are equal."""
     return one.stamp == other.stamp and one.encoder_zero == other.encoder_zero and np.array_equal(
         one.mean, other.mean) and np.array_equal(one.covariance, other.covariance)
 
 
-# In order
+# Order of the readings
 
-def test_without_an_imu_fusion_is_prediction_and_encoder_in_turn():
+def test_without_an_imu_fusion_alternates_prediction_and_encoder_update():
     fusion, estimate = Fusion(GIMBALL), FILTER.start(0.0, 4.0)
     assert fusion.estimate is None
     fusion.encoder(EncoderReading(0.0, 4.0))
@@ -53,7 +53,7 @@ def test_without_an_imu_fusion_is_prediction_and_encoder_in_turn():
         assert same(found, estimate) and fusion.estimate is found
 
 
-def test_imu_readings_count_at_their_own_times_with_the_torque_of_the_period():
+def test_imu_readings_apply_at_their_stamps_with_the_torque_of_the_period():
     mounting = ImuMounting(0.1, -0.05, 0.2)
     fusion = Fusion(GIMBALL, mounting)
     first = ImuReading(0.0, 0.3, 0.5, G)
@@ -69,12 +69,12 @@ def test_imu_readings_count_at_their_own_times_with_the_torque_of_the_period():
         for reading in readings:
             fusion.imu(reading)
         for reading in readings:
-            passed = reading.stamp - before.stamp
-            slope = (reading.turn_rate - before.turn_rate) / passed
-            turning += (slope - turning) * min(1.0, passed / 0.01)
+            elapsed = reading.stamp - before.stamp
+            slope = (reading.turn_rate - before.turn_rate) / elapsed
+            turning += (slope - turning) * min(1.0, elapsed / 0.01)
             before = mounting.at_centre(replace(reading, turn_acceleration=turning))
             estimate = FILTER.with_imu(
-                FILTER.predict(estimate, reading.stamp, torque, before), before, passed)
+                FILTER.predict(estimate, reading.stamp, torque, before), before, elapsed)
         estimate = FILTER.with_encoder(
             FILTER.predict(estimate, stamp, torque, before), 2.0 + 0.001 * number)
         found = fusion.encoder(EncoderReading(stamp, 2.0 + 0.001 * number, torque))
@@ -83,7 +83,7 @@ def test_imu_readings_count_at_their_own_times_with_the_torque_of_the_period():
     assert abs(turning) > 0.1
 
 
-def test_an_imu_reading_waits_for_the_encoder_reading_that_is_not_older():
+def test_an_imu_reading_waits_for_an_encoder_reading_of_its_time_or_later():
     fusion, plain = started(), started()
     for both in (fusion, plain):
         both.imu(upright(0.001))
@@ -94,7 +94,7 @@ def test_an_imu_reading_waits_for_the_encoder_reading_that_is_not_older():
     assert fusion.encoder(third).mean[3] > plain.encoder(third).mean[3] + 0.1
 
 
-def test_imu_readings_out_of_order_are_refused_and_a_repeated_stamp_is_not():
+def test_imu_readings_out_of_order_are_refused_but_repeated_stamps_are_accepted():
     fusion = Fusion(GIMBALL)
     fusion.imu(upright(1.0))
     with refused('out_of_order', error=MessageError) as caught:
@@ -104,7 +104,7 @@ def test_imu_readings_out_of_order_are_refused_and_a_repeated_stamp_is_not():
     assert np.isfinite(fusion.encoder(EncoderReading(1.001, 0.0)).mean).all()
 
 
-def test_of_imu_readings_without_an_encoder_the_last_two_thousand_wait():
+def test_the_last_two_thousand_imu_readings_are_buffered():
     def after(readings):
         fusion = started()
         for reading in readings:
@@ -119,7 +119,7 @@ def test_of_imu_readings_without_an_encoder_the_last_two_thousand_wait():
 # The start
 
 @pytest.mark.parametrize('age, used', [(0.0, True), (0.04, True), (0.06, False)])
-def test_a_fresh_imu_and_a_remembered_zero_need_no_rest_at_the_start(age, used):
+def test_a_recent_imu_reading_and_a_stored_zero_allow_a_start_in_motion(age, used):
     fusion = Fusion(GIMBALL, encoder_zero=11.5)
     fusion.imu(tilted(0.0, -0.2))
     estimate = fusion.encoder(EncoderReading(age, 12.0))
@@ -127,7 +127,7 @@ def test_a_fresh_imu_and_a_remembered_zero_need_no_rest_at_the_start(age, used):
     assert estimate.readings.ball_angle == pytest.approx(-0.2 if used else 0.0, abs=1e-12)
 
 
-def test_an_imu_that_was_there_at_the_start_does_not_move_ball_angle_0_later():
+def test_an_imu_present_at_the_start_does_not_shift_the_encoder_zero_later():
     fusion = Fusion(GIMBALL)
     fusion.imu(upright(0.0))
     fusion.encoder(EncoderReading(0.0, 0.0))
@@ -136,9 +136,9 @@ def test_an_imu_that_was_there_at_the_start_does_not_move_ball_angle_0_later():
 
 
 @pytest.mark.parametrize('turns', [0, 1, -2])
-def test_an_imu_that_comes_later_shows_the_ball_angle_to_the_nearest_turn(turns):
+def test_a_late_imu_sets_the_ball_angle_to_the_nearest_turn(turns):
     fusion = started()
-    for number in range(1, 201):  # the joint turns slowly, with it the ball
+    for number in range(1, 201):  # joint and ball turn slowly
         fusion.encoder(EncoderReading(0.002 * number, -2.0 * math.pi * turns * number / 200))
     before = fusion.estimate.readings
     fusion.imu(tilted(0.402, 0.3))
@@ -152,11 +152,11 @@ def test_an_imu_that_comes_later_shows_the_ball_angle_to_the_nearest_turn(turns)
     assert fusion.encoder(EncoderReading(0.404, -2.0 * math.pi * turns)).encoder_zero == zero
 
 
-# An IMU that times out
+# IMU timeout
 
 @pytest.mark.parametrize('start, stamp, carried', [
     (0.0, 0.05, True), (0.0, 0.051, False), (8.0, 8.04, True), (8.0, 8.06, False)])
-def test_after_the_timeout_the_floor_is_taken_for_level_again(start, stamp, carried):
+def test_after_the_imu_timeout_the_floor_is_assumed_level(start, stamp, carried):
     fusion, imu = Fusion(GIMBALL), tilted(start, 0.2)
     fusion.imu(imu)
     estimate = fusion.encoder(EncoderReading(start, 0.0))
@@ -166,8 +166,8 @@ def test_after_the_timeout_the_floor_is_taken_for_level_again(start, stamp, carr
 
 
 @pytest.mark.parametrize('gap, turning', [(0.05, 100.0), (0.2, 0.0)])
-def test_beyond_the_timeout_no_turn_acceleration_is_taken(gap, turning):
-    # Nor does the reading after the gap count for more than one timeout of straying.
+def test_beyond_the_timeout_the_turn_acceleration_is_zero(gap, turning):
+    # The period of the reading after the gap is limited to one timeout.
     fusion, rate = started(), 100.0 * gap
     for reading in (upright(0.0), upright(gap, rate)):
         fusion.imu(reading)
@@ -178,50 +178,50 @@ def test_beyond_the_timeout_no_turn_acceleration_is_taken(gap, turning):
     np.testing.assert_allclose(found.mean, estimate.mean, rtol=1e-9, atol=1e-12)
 
 
-# An encoder that jumps
+# Encoder jumps
 
-def test_an_angle_far_from_the_predicted_is_left_out_and_counted():
+def test_an_angle_far_from_the_prediction_is_rejected_and_counted():
     fusion = started()
     before = fusion.encoder(EncoderReading(0.002, 0.0))
     assert same(fusion.encoder(EncoderReading(0.004, 0.51)), FILTER.predict(before, 0.004, 0.0))
     assert (fusion.jumps, fusion.rezeroed) == (1, 0)
-    # After a pause in which anything may have happened, half a radian is near enough.
-    for angle, left_out in ((0.5, 0), (0.51, 1)):
+    # After a pause, the rejection threshold is half a radian.
+    for angle, rejected in ((0.5, 0), (0.51, 1)):
         fusion = started()
         fusion.encoder(EncoderReading(0.06, angle))
-        assert fusion.jumps == left_out
+        assert fusion.jumps == rejected
 
 
-@pytest.mark.parametrize('way', [1.0, -1.0])
-def test_readings_that_agree_for_18_ms_and_the_encoder_has_another_zero(way):
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_consistent_readings_for_18_ms_after_a_jump_change_the_encoder_zero(sign):
     fusion = started()
     for number in range(1, 10):
-        fusion.encoder(EncoderReading(0.002 * number, 3.0 * way))
+        fusion.encoder(EncoderReading(0.002 * number, 3.0 * sign))
     assert (fusion.jumps, fusion.rezeroed) == (9, 0)
-    fusion.encoder(EncoderReading(0.020, 0.0))  # one that fits: it begins again
+    fusion.encoder(EncoderReading(0.020, 0.0))  # a plausible reading restarts the count
     for number in range(11, 21):
         assert fusion.rezeroed == 0
-        estimate = fusion.encoder(EncoderReading(0.002 * number, 3.0 * way))
+        estimate = fusion.encoder(EncoderReading(0.002 * number, 3.0 * sign))
     assert (fusion.jumps, fusion.rezeroed) == (19, 1)
-    assert estimate.encoder_zero == pytest.approx(3.0 * way, abs=1e-3)
-    estimate = fusion.encoder(EncoderReading(0.042, 3.0 * way))
+    assert estimate.encoder_zero == pytest.approx(3.0 * sign, abs=1e-3)
+    estimate = fusion.encoder(EncoderReading(0.042, 3.0 * sign))
     assert estimate.readings.pendulum_angle == pytest.approx(0.0, abs=1e-3)
     assert fusion.jumps == 19
 
 
 @pytest.mark.parametrize('period', [0.005, 0.01])
-def test_of_slow_readings_five_must_agree(period):
+def test_at_a_low_rate_five_readings_must_agree(period):
     fusion = started()
     for number in range(1, 7):
         assert fusion.rezeroed == (number > max(5, 1 + 0.0175 / period))
         fusion.encoder(EncoderReading(period * number, 3.0))
 
 
-# What cannot be
+# Invalid and diverging inputs
 
 @pytest.mark.parametrize('values', [
     (math.nan, 0.0), (0.1, math.inf, 0.0), (0.1, 0.0, math.nan)])
-def test_an_encoder_reading_that_is_not_finite_is_refused_and_changes_nothing(values):
+def test_an_encoder_reading_that_is_not_finite_is_refused_without_effect(values):
     fusion = started()
     before = fusion.estimate
     with refused('not_finite', error=MessageError) as caught:
@@ -230,7 +230,7 @@ def test_an_encoder_reading_that_is_not_finite_is_refused_and_changes_nothing(va
 
 
 @pytest.mark.parametrize('torque', [1e4, -1e4])
-def test_an_estimate_that_runs_away_is_given_up_and_begins_again_at_rest(torque):
+def test_a_diverged_estimate_is_dropped_and_restarts_at_rest(torque):
     fusion = started(3.0)
     fusion.imu(upright(0.0))
     fusion.encoder(EncoderReading(0.002, 9.0))
@@ -245,9 +245,9 @@ def test_an_estimate_that_runs_away_is_given_up_and_begins_again_at_rest(torque)
 
 @pytest.mark.parametrize('rate, lost', [
     (299.5, False), (300.5, True), (-299.5, False), (-300.5, True)])
-def test_no_pendulum_and_no_ball_turns_at_three_hundred_radians_a_second(rate, lost):
+def test_a_rate_above_three_hundred_radians_per_second_is_a_divergence(rate, lost):
     def found(fusion, torque):
-        """Return whether the estimate is lost after a reading that is left out as a jump."""
+        """Return whether the estimate is lost after a reading that is rejected as a jump."""
         try:
             return fusion.encoder(EncoderReading(0.001, 9.0, torque)) is None
         except EstimateLostError:

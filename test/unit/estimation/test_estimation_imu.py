@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The IMU: its axes, and what it would have measured at the centre of the ball."""
+"""The IMU: its axes, and the conversion of readings to the centre of the ball."""
 import math
 
 from hypothesis import given, strategies
@@ -8,28 +8,26 @@ from refusals import refused
 
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import ImuMounting, ImuReading
-from ballbot_ros.physics import load_robot
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Imu, Plant
 
-GIMBALL = load_robot('gimball')
 numbers = strategies.floats(-20.0, 20.0)
 places = strategies.floats(-0.3, 0.3)
 
 
 @given(places, places, strategies.floats(-3.0, 3.0), numbers, numbers, numbers, numbers)
-def test_the_centre_feels_no_turning(forward, upward, angle, ahead, above, turn_rate, turning):
-    # In the shell a point r feels a + w' x r - w^2 r; the IMU shows it turned by minus its angle.
-    place, at_centre = complex(forward, upward), complex(ahead, above)
-    felt = at_centre + (1j * turning - turn_rate**2) * place
-    shown = felt * complex(math.cos(angle), -math.sin(angle))
+def test_at_centre_removes_rotation(forward, upward, angle, ahead, above, turn_rate, turning):
+    # The specific force at r in the shell is a + w' x r - w^2 r; the IMU axes are at an angle.
+    position, at_centre = complex(forward, upward), complex(ahead, above)
+    force = at_centre + (1j * turning - turn_rate**2) * position
+    measured = force * complex(math.cos(angle), -math.sin(angle))
     moved = ImuMounting(forward, upward, angle).at_centre(
-        ImuReading(3.0, turn_rate, shown.real, shown.imag, turning))
+        ImuReading(3.0, turn_rate, measured.real, measured.imag, turning))
     assert (moved.stamp, moved.turn_rate, moved.turn_acceleration) == (3.0, turn_rate, turning)
     assert (moved.forward, moved.upward) == pytest.approx((ahead, above), abs=1e-9)
 
 
-def test_an_imu_anywhere_in_the_simulated_shell_shows_what_one_at_the_centre_does():
+def test_converted_readings_of_an_off_centre_imu_equal_those_at_the_centre():
     scene = read_scene({'robot': 'gimball', 'terrain': [{'flat': {'length': 30.0}}],
                         'initial': {'x': 0.5}, 'duration': 1.0}, '', '')
     plant, place = Plant(scene, 500.0), (0.12, -0.08)
@@ -54,7 +52,7 @@ def test_a_reading_that_is_not_finite_is_refused(index, bad):
     assert caught.value.reason == 'not_finite'
 
 
-def test_an_imu_sits_at_the_centre_and_square_unless_said_otherwise():
+def test_by_default_the_imu_is_at_the_centre_and_aligned():
     reading = ImuReading(1.0, 2.0, 3.0, 4.0)
     assert reading.turn_acceleration == 0.0
     assert ImuMounting().at_centre(reading) == reading
@@ -62,7 +60,7 @@ def test_an_imu_sits_at_the_centre_and_square_unless_said_otherwise():
 
 @pytest.mark.parametrize('name, largest', [
     ('imu_forward', 10.0), ('imu_upward', 10.0), ('imu_angle', math.pi)])
-def test_a_mounting_has_a_range(name, largest):
+def test_mounting_parameters_have_a_range(name, largest):
     for value in (-largest, largest):
         assert getattr(ImuMounting(**{name: value}), name) == value
         with refused('out_of_range', name):

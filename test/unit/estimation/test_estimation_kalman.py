@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The filter alone: prediction against the model, updates and steady state in closed form."""
+"""The Kalman filter: prediction by the model, and closed-form updates and steady state."""
 from dataclasses import fields, replace
 import math
 
@@ -27,43 +27,43 @@ torques = strategies.floats(-4.0, 4.0)
 
 
 def known(mean, covariance=EXACT, zero=0.0):
-    """Return an estimate at time 0."""
+    """Return an estimate at time 0 with a mean, a covariance and an encoder zero."""
     return Estimate(0.0, np.array(mean, dtype=float), np.array(covariance, dtype=float), zero)
 
 
 def uncertain(seed):
-    """Return any covariance."""
+    """Return a random covariance."""
     root = np.random.default_rng(seed).normal(size=(5, 5))
     return root @ root.T + np.eye(5)
 
 
-def felt_while_rolling(angle, joint, rate, ball_rate, torque):
-    """Return what an IMU at the centre measures of a ball that rolls on a level floor."""
+def rolling_imu(angle, joint, rate, ball_rate, torque):
+    """Return the reading of an IMU at the centre of a ball that rolls on a level floor."""
     _, roll = rolling_accelerations(angle, rate, ball_rate, torque, MODEL.numbers)
-    turn = joint - angle  # from the world to the shell
+    turn = joint - angle  # rotation from world to shell
     forward, upward = -GIMBALL.ball_radius * roll, G
     return ImuReading(0.0, ball_rate, forward * math.cos(turn) - upward * math.sin(turn),
                       forward * math.sin(turn) + upward * math.cos(turn), roll)
 
 
 def updated_by(estimate, row, variance, found):
-    """Return mean and covariance after a scalar measurement, from the sum of informations."""
+    """Return mean and covariance after a scalar measurement, by the information form."""
     row = np.array(row, dtype=float)
     before = np.linalg.inv(estimate.covariance)
     covariance = np.linalg.inv(before + np.outer(row, row) / variance)
     return covariance @ (before @ estimate.mean + row * found / variance), covariance
 
 
-# The start
+# Start
 
-def test_a_robot_at_rest_lets_its_pendulum_hang_for_any_reading_of_the_encoder():
+def test_at_the_start_the_pendulum_hangs_for_any_encoder_reading():
     estimate = FILTER.start(3.0, 12.5)
     assert estimate.stamp == 3.0 and estimate.encoder_zero == 12.5
     assert estimate.mean.tolist() == [0.0] * 5
     assert estimate.readings.joint_angle == 0.0
 
 
-def test_at_the_start_each_uncertainty_is_the_stated_one():
+def test_at_the_start_each_uncertainty_is_that_of_the_tuning():
     tuning = FilterTuning(start_sd=0.2, encoder_sd=0.03, bias_sd=0.05)
     estimate = PendulumFilter(GIMBALL, tuning).start(0.0, 1.0)
     assert estimate.angle_sd == pytest.approx(0.2)
@@ -80,7 +80,7 @@ def test_at_the_start_an_imu_gives_the_ball_angle_and_the_bias():
     assert estimate.encoder_zero == pytest.approx(12.4)
 
 
-def test_only_an_imu_and_a_remembered_zero_together_show_a_pendulum_that_leans():
+def test_a_leaning_pendulum_at_the_start_requires_an_imu_and_a_stored_zero():
     imu = ImuReading(0.0, 0.0, G * math.sin(-0.2), G * math.cos(-0.2))
     both = FILTER.start(0.0, 12.0, imu, encoder_zero=11.5)
     assert both.mean[:2] == pytest.approx([0.3, 0.5]) and both.encoder_zero == 11.5
@@ -94,7 +94,7 @@ def test_a_ball_without_a_pendulum_is_refused():
 
 
 @pytest.mark.parametrize('name', [field.name for field in fields(FilterTuning)])
-def test_no_source_is_trusted_without_limit_but_a_clock_and_a_steady_bias(name):
+def test_noise_parameters_are_positive_except_timing_and_drift(name):
     with refused('out_of_range', name):
         FilterTuning(**{name: -1e-3})
     if name in ('timing_sd', 'gyro_drift'):
@@ -108,7 +108,7 @@ def test_no_source_is_trusted_without_limit_but_a_clock_and_a_steady_bias(name):
 # Prediction
 
 @given(angles, angles, rates, rates, torques)
-def test_without_an_imu_the_ball_rolls_as_the_model_does(angle, joint, rate, ball_rate, torque):
+def test_predictions_without_an_imu_follow_the_model(angle, joint, rate, ball_rate, torque):
     step = 1e-3
     later = FILTER.predict(known([angle, joint, rate, ball_rate, 0.3]), step, torque)
     pendulum, ball = rolling_accelerations(angle, rate, ball_rate, torque, MODEL.numbers)
@@ -123,20 +123,20 @@ def test_without_an_imu_the_ball_rolls_as_the_model_does(angle, joint, rate, bal
 def test_an_imu_of_a_rolling_ball_gives_the_same_prediction(
         angle, joint, rate, ball_rate, torque):
     estimate = known([angle, joint, rate, ball_rate, 0.0])
-    imu = felt_while_rolling(angle, joint, rate, ball_rate, torque)
+    imu = rolling_imu(angle, joint, rate, ball_rate, torque)
     assert FILTER.predict(estimate, 0.002, torque, imu).mean == pytest.approx(
         FILTER.predict(estimate, 0.002, torque).mean, abs=1e-9)
 
 
 @pytest.mark.parametrize('with_imu', [False, True])
 @given(angles, angles, rates, rates, torques)
-def test_uncertainty_moves_as_the_prediction_does(with_imu, angle, joint, rate, ball_rate,
-                                                  torque):
+def test_the_covariance_follows_the_linearised_prediction(
+        with_imu, angle, joint, rate, ball_rate, torque):
     step, mean = 1e-5, np.array([angle, joint, rate, ball_rate, 0.0])
-    imu = felt_while_rolling(*mean[:4], torque) if with_imu else None
-    silent = replace(TUNING, pendulum_noise=1e-9, ball_noise=1e-9, gyro_drift=0.0,
-                     pendulum_noise_with_imu=1e-9, ball_noise_with_imu=1e-9)
-    predict = PendulumFilter(GIMBALL, silent).predict
+    imu = rolling_imu(*mean[:4], torque) if with_imu else None
+    exact = replace(TUNING, pendulum_noise=1e-9, ball_noise=1e-9, gyro_drift=0.0,
+                    pendulum_noise_with_imu=1e-9, ball_noise_with_imu=1e-9)
+    predict = PendulumFilter(GIMBALL, exact).predict
 
     def per_second(shift):
         ahead, behind = (predict(known(mean + sign * shift), step, torque, imu).mean
@@ -151,7 +151,7 @@ def test_uncertainty_moves_as_the_prediction_does(with_imu, angle, joint, rate, 
 
 
 @pytest.mark.parametrize('imu, noises', [(None, (0.7, 0.4)), (UPRIGHT, (11.0, 13.0))])
-def test_a_certain_state_becomes_as_uncertain_as_the_noise_parameters(imu, noises):
+def test_the_covariance_of_a_certain_state_grows_by_the_process_noise(imu, noises):
     tuning = replace(TUNING, pendulum_noise=0.7, ball_noise=0.4, gyro_drift=0.2,
                      pendulum_noise_with_imu=11.0, ball_noise_with_imu=13.0)
     later = PendulumFilter(GIMBALL, tuning).predict(known([0.0] * 5), 0.004, 0.0, imu)
@@ -159,7 +159,7 @@ def test_a_certain_state_becomes_as_uncertain_as_the_noise_parameters(imu, noise
         later.covariance, 0.004 * np.diag([0.0, 0.0, noises[0]**2, noises[1]**2, 0.2**2]))
 
 
-def test_a_long_pause_is_bridged_in_steps_of_five_milliseconds():
+def test_a_long_pause_is_predicted_in_steps_of_five_milliseconds():
     estimate = known([0.5, -0.3, 1.0, -2.0, 0.01], uncertain(2))
     single = FILTER.predict(estimate, 0.018, 0.7)
     for stamp in (0.005, 0.010, 0.015, 0.018):
@@ -173,7 +173,7 @@ def test_a_long_pause_is_bridged_in_steps_of_five_milliseconds():
 
 
 @pytest.mark.parametrize('stamp', [-1.0, 0.0, 1e-10, 1e-9])
-def test_there_is_nothing_to_predict_for_an_earlier_time(stamp):
+def test_a_prediction_to_an_earlier_time_returns_the_estimate(stamp):
     estimate = known([0.5, -0.3, 1.0, -2.0, 0.01])
     assert FILTER.predict(estimate, stamp, 1.0) is estimate
 
@@ -181,7 +181,7 @@ def test_there_is_nothing_to_predict_for_an_earlier_time(stamp):
 # Updates
 
 @given(strategies.integers(0, 2**32 - 1), angles, rates)
-def test_an_encoder_angle_adds_its_information(seed, angle, joint_rate):
+def test_an_encoder_update_adds_its_information(seed, angle, joint_rate):
     tuning = FilterTuning(encoder_sd=0.02, timing_sd=0.003)
     estimate = known([0.1, 0.2, 1.5 + joint_rate, 1.5, 0.0], uncertain(seed), zero=7.0)
     updated = PendulumFilter(GIMBALL, tuning).with_encoder(estimate, 7.0 + angle)
@@ -192,7 +192,7 @@ def test_an_encoder_angle_adds_its_information(seed, angle, joint_rate):
     assert updated.stamp == 0.0 and updated.encoder_zero == 7.0
 
 
-def test_the_innovation_is_what_the_encoder_shows_beyond_the_predicted():
+def test_the_innovation_is_the_encoder_angle_minus_the_prediction():
     assert FILTER.innovation(known([0.1, 0.2, 0, 0, 0], zero=7.0), 7.5) == pytest.approx(0.3)
 
 
@@ -207,8 +207,8 @@ def test_in_free_fall_or_impact_an_imu_adds_only_its_turn_rate(seed, turn_rate):
 
 
 @given(strategies.integers(0, 2**32 - 1), angles)
-def test_gravity_adds_its_information_about_the_ball_angle(seed, ball_angle):
-    # The gyro reads what is expected with almost no information of its own.
+def test_a_gravity_update_adds_its_information_about_the_ball_angle(seed, ball_angle):
+    # The gyro reading equals its prediction and adds almost no information.
     tuning = FilterTuning(gyro_sd=1e6, gravity_sd=2.0)
     estimate = known([0.3 + ball_angle, 0.3, 0.0, 0.0, 0.0], uncertain(seed))
     imu = ImuReading(0.0, 0.0, 0.6, G)
@@ -223,24 +223,24 @@ def test_gravity_adds_its_information_about_the_ball_angle(seed, ball_angle):
 
 
 @given(angles, angles, rates, rates, torques)
-def test_an_imu_that_measures_what_is_expected_changes_no_angle(
+def test_an_imu_reading_equal_to_the_prediction_changes_no_angle(
         angle, joint, rate, ball_rate, torque):
     estimate = known([angle, joint, rate, ball_rate, 0.0], uncertain(3))
-    believing = PendulumFilter(GIMBALL, FilterTuning(gravity_gate=1e9))
-    imu = felt_while_rolling(angle, joint, rate, ball_rate, torque)
-    assert believing.with_imu(estimate, imu, 0.002).mean == pytest.approx(
+    ungated = PendulumFilter(GIMBALL, FilterTuning(gravity_gate=1e9))
+    imu = rolling_imu(angle, joint, rate, ball_rate, torque)
+    assert ungated.with_imu(estimate, imu, 0.002).mean == pytest.approx(
         estimate.mean, abs=1e-9)
 
 
 @pytest.mark.parametrize('force, used', [(8.0, True), (7.9, False), (12.0, True), (12.1, False)])
-def test_gravity_is_used_where_the_force_differs_from_it_by_at_most_the_gate(force, used):
+def test_the_gravity_update_applies_if_the_force_is_within_the_gate(force, used):
     ten = PendulumFilter(replace(GIMBALL, gravity=10.0), FilterTuning(gravity_gate=2.0))
     estimate = known([0.1, 0.0, 0.0, 0.0, 0.0], np.eye(5))
     updated = ten.with_imu(estimate, ImuReading(0.0, 0.0, 0.0, force), 0.1)
     assert (updated.mean[0] != 0.1) == used
 
 
-def test_readings_in_a_row_stray_together_and_count_as_one_in_a_tenth_of_a_second():
+def test_correlated_readings_add_the_information_of_one_per_tenth_of_a_second():
     estimate = known([0.1, 0.0, 0.0, 0.0, 0.0], np.eye(5))
     tuning = FilterTuning(gyro_sd=1e6, gravity_sd=5.0)
 
@@ -257,9 +257,9 @@ def test_readings_in_a_row_stray_together_and_count_as_one_in_a_tenth_of_a_secon
     assert 0.0 <= information(0.0) < 1e-3 * whole
 
 
-# Over time
+# Steady state
 
-def test_resting_the_encoder_s_filter_settles_at_the_steady_state_of_riccati():
+def test_the_covariance_at_rest_converges_to_the_riccati_solution():
     step, tuning = 0.002, FilterTuning(encoder_sd=0.01)
     matrix, _ = MODEL.about_held(0.0)
     motion = np.zeros((4, 4))  # pendulum angle, joint angle, pendulum rate, ball rate
@@ -269,8 +269,8 @@ def test_resting_the_encoder_s_filter_settles_at_the_steady_state_of_riccati():
     transition = np.eye(4) + step * motion
     assert transition == pytest.approx(expm(step * motion), abs=0.02)
     noise = step * np.diag([0.0, 0.0, tuning.pendulum_noise**2, tuning.ball_noise**2])
-    look = np.array([[0.0], [1.0], [0.0], [0.0]])
-    predicted = solve_discrete_are(transition.T, look, noise, [[0.01**2]])
+    output = np.array([[0.0], [1.0], [0.0], [0.0]])
+    predicted = solve_discrete_are(transition.T, output, noise, [[0.01**2]])
     kalman = PendulumFilter(GIMBALL, tuning)
     estimate = kalman.start(0.0, 0.0)
     for number in range(1, 20001):
@@ -280,7 +280,7 @@ def test_resting_the_encoder_s_filter_settles_at_the_steady_state_of_riccati():
     assert np.abs(estimate.mean).max() == 0.0
 
 
-def test_the_bias_of_a_gyro_is_learned_at_rest():
+def test_the_gyro_bias_is_estimated_at_rest():
     kalman = PendulumFilter(GIMBALL, FilterTuning(gravity_sd=0.1))
     estimate = kalman.start(0.0, 0.0, UPRIGHT)
     for number in range(1, 2001):
@@ -292,16 +292,16 @@ def test_the_bias_of_a_gyro_is_learned_at_rest():
     assert estimate.covariance[4, 4] < 0.1 * TUNING.bias_sd**2
 
 
-# What an estimate says
+# Properties of an estimate
 
-def test_the_readings_of_an_estimate_are_those_of_ball_and_joint():
+def test_the_readings_of_an_estimate_give_angles_and_rates_of_ball_and_joint():
     readings = Estimate(2.5, np.array([0.7, 0.3, 5.0, 2.0, 9.0]), EXACT, 0.0).readings
     assert readings.stamp == 2.5
     assert (readings.ball_angle, readings.joint_angle) == pytest.approx((0.4, 0.3))
     assert (readings.ball_rate, readings.joint_rate) == pytest.approx((2.0, 3.0))
 
 
-def test_a_variance_that_rounding_made_negative_is_a_deviation_of_nothing():
+def test_a_negative_variance_from_rounding_gives_a_deviation_of_zero():
     estimate = known([0.0] * 5, np.diag([-1e-18, 1.0, -1e-18, 1.0, 1.0]))
     assert estimate.angle_sd == estimate.rate_sd == 0.0
     assert known([0.0] * 5, np.diag([4.0, 1.0, 9.0, 1.0, 1.0])).rate_sd == 3.0

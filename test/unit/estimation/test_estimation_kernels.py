@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The compiled filter gives what the matrices give, and a covariance stays one."""
+"""The compiled filter agrees with the matrix form, and covariances stay valid."""
 from dataclasses import replace
 
 from hypothesis import given, strategies
@@ -26,14 +26,14 @@ robots = strategies.sampled_from(sorted(ROBOTS))
 
 
 def random_estimate(seed, angle, joint, rate, ball_rate, size=0.1):
-    """Return an estimate with any covariance."""
+    """Return an estimate with a random covariance."""
     root = size * np.random.default_rng(seed).normal(size=(5, 5))
     covariance = root @ root.T + 1e-4 * np.eye(5)
     return Estimate(3.0, np.array([angle, joint, rate, ball_rate, 0.01]), covariance, 7.0)
 
 
 def assert_same(found, expected):
-    """Compare to rounding, entries of a covariance by the deviations that they belong to."""
+    """Compare two estimates to rounding, covariances relative to the standard deviations."""
     assert found.stamp == pytest.approx(expected.stamp, abs=1e-12)
     assert found.encoder_zero == expected.encoder_zero
     np.testing.assert_allclose(found.mean, expected.mean, rtol=1e-12, atol=1e-12)
@@ -44,32 +44,31 @@ def assert_same(found, expected):
 
 @given(robots, seeds, angles, angles, rates, rates, torques, imus,
        strategies.floats(1e-5, 0.02))
-def test_a_prediction_is_that_of_the_matrices(name, seed, angle, joint, rate, ball_rate, torque,
-                                              imu, duration):
+def test_predictions_agree_with_the_matrix_form(name, seed, angle, joint, rate, ball_rate, torque,
+                                                imu, duration):
     estimate = random_estimate(seed, angle, joint, rate, ball_rate)
     assert_same(*(kind(ROBOTS[name]).predict(estimate, 3.0 + duration, torque, imu)
                   for kind in (PendulumFilter, MatrixFilter)))
 
 
 @given(seeds, angles, rates, rates, strategies.floats(-0.5, 0.5))
-def test_an_encoder_angle_counts_as_in_the_matrices(seed, angle, rate, ball_rate, off):
+def test_encoder_updates_agree_with_the_matrix_form(seed, angle, rate, ball_rate, off):
     estimate = random_estimate(seed, 0.3, angle, rate, ball_rate)
     assert_same(*(kind(GIMBALL).with_encoder(estimate, 7.0 + angle + off)
                   for kind in (PendulumFilter, MatrixFilter)))
 
 
 @given(robots, seeds, angles, angles, rates, readings, strategies.floats(0.0, 0.1))
-def test_an_imu_reading_counts_as_in_the_matrices(name, seed, angle, joint, ball_rate, imu,
-                                                  period):
+def test_imu_updates_agree_with_the_matrix_form(name, seed, angle, joint, ball_rate, imu, period):
     estimate = random_estimate(seed, angle, joint, 1.0, ball_rate)
-    # Any force shows where down is: the gate is tested elsewhere.
+    # The gate accepts any force here; it is tested elsewhere.
     tuning = FilterTuning(gravity_gate=1e9)
     assert_same(*(kind(ROBOTS[name], tuning).with_imu(estimate, imu, period)
                   for kind in (PendulumFilter, MatrixFilter)))
 
 
 @given(seeds, angles, rates, torques, imus)
-def test_an_estimate_is_a_value_that_later_ones_leave_alone(seed, angle, rate, torque, imu):
+def test_predictions_and_updates_do_not_modify_an_estimate(seed, angle, rate, torque, imu):
     estimate = random_estimate(seed, angle, 0.2, rate, 0.5)
     mean, covariance = estimate.mean.copy(), estimate.covariance.copy()
     kalman = PendulumFilter(GIMBALL)
@@ -83,9 +82,9 @@ def test_an_estimate_is_a_value_that_later_ones_leave_alone(seed, angle, rate, t
 @pytest.mark.slow
 @given(seeds, strategies.lists(strategies.tuples(torques, imus, strategies.floats(-0.3, 0.3)),
                                min_size=1, max_size=30))
-def test_a_covariance_stays_symmetric_and_positive(seed, happenings):
+def test_a_covariance_stays_symmetric_and_positive(seed, inputs):
     estimate, kalman = random_estimate(seed, 0.1, 0.2, 1.0, 0.5), PendulumFilter(GIMBALL)
-    for torque, imu, off in happenings:
+    for torque, imu, off in inputs:
         estimate = kalman.predict(estimate, estimate.stamp + 0.002, torque, imu)
         if imu is not None:
             estimate = kalman.with_imu(estimate, imu, 0.002)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What sensors leave undecided, against ranks that are worked out by hand."""
+"""Unobservable quantities compared with ranks derived by hand."""
 from dataclasses import replace
 import math
 
@@ -23,29 +23,29 @@ def test_only_an_imu_separates_slope_lean_and_torque_error(angle):
 
 
 @pytest.mark.parametrize('imu', [False, True])
-def test_without_gravity_nothing_shows_where_down_is(imu):
+def test_without_gravity_angle_and_slope_are_unobservable(imu):
     weightless = replace(GIMBALL, gravity=1e-12)
     assert unobservable(weightless, imu) == ['pendulum angle', 'slope of the floor']
 
 
 @pytest.mark.parametrize('imu', [False, True])
 @pytest.mark.parametrize('angle', EVERY_ANGLE)
-def test_readings_of_a_second_have_the_same_rank(imu, angle):
-    # Small motion about the held pendulum, from each unknown alone: angles, rates, a torque, a
-    # slope; what readings of a second say of them is the Gramian's null space.
+def test_the_observability_gramian_of_one_second_has_the_same_rank(imu, angle):
+    # Linear motion about the held pendulum; the unknowns are angles, rates, a torque and a slope.
+    # The unobservable directions over one second are the null space of the Gramian.
     model, bot = RollingModel(GIMBALL), GIMBALL
     matrix, column = model.about_held(angle)
     motion = np.zeros((6, 6))
     motion[:3, :3], motion[:3, 4] = matrix, column
-    on_slope = 1e-6  # [rad]: gravity turned, so that phi counts from the normal of the floor
+    on_slope = 1e-6  # [rad]; gravity is rotated, so that phi is relative to the floor normal
     weight = bot.total_mass * bot.gravity * math.sin(on_slope) * bot.ball_radius
     motion[1:3, 5] = np.array(model.response(angle, 0.0, weight)) / on_slope
     motion[3, 1:3] = 1.0, -1.0
-    looks = [[0, 0, 0, 1, 0, 0]]
+    outputs = [[0, 0, 0, 1, 0, 0]]
     if imu:
-        looks += [[0, 0, 1, 0, 0, 0],
-                  np.array([bot.gravity, 0, 0, -bot.gravity, 0, 0]) - bot.ball_radius * motion[2]]
-    rows = np.vstack([looks @ expm(motion * time) for time in np.linspace(0.0, 1.0, 60)])
+        force = np.array([bot.gravity, 0, 0, -bot.gravity, 0, 0]) - bot.ball_radius * motion[2]
+        outputs += [[0, 0, 1, 0, 0, 0], force]
+    rows = np.vstack([outputs @ expm(motion * time) for time in np.linspace(0.0, 1.0, 60)])
     _, strengths, directions = np.linalg.svd(rows)
     rank = int((strengths > 1e-8 * strengths[0]).sum())
     assert rank == (6 if imu else 5)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the ball has rolled to: against closed forms, and against the simulated robot."""
+"""Odometry compared with closed forms and with the simulated robot."""
 from functools import cache
 import math
 
@@ -21,26 +21,26 @@ CERTAIN = OdometryTuning(radius_error=0.0)
 
 
 def estimate(stamp, ball_angle=0.0, ball_rate=0.0, angle_sd=0.0):
-    """Return an estimate of a ball whose pendulum hangs."""
+    """Return an estimate of a ball with a hanging pendulum."""
     covariance = np.zeros((5, 5))
     covariance[0, 0] = angle_sd**2
     return Estimate(stamp, np.array([0.0, -ball_angle, 0.0, ball_rate, 0.0]), covariance, 0.0)
 
 
 def imu(stamp, angle, forward, upward=9.81):
-    """Return what an IMU turned by an angle reads of a force that is level and plumb."""
+    """Return the reading of an IMU at an angle [rad] for a force in world axes [m/s2]."""
     sine, cosine = math.sin(angle), math.cos(angle)
     return ImuReading(stamp, 0.0, forward * cosine + upward * sine,
                       upward * cosine - forward * sine)
 
 
 def follow(motion, duration, odometry=OdometryFilter(GIMBALL)):
-    """Return odometry after a motion: time to ball angle, ball rate, forward and upward force."""
+    """Return the odometry after `motion(time)`: ball angle and rate, forward and upward force."""
     state = odometry.start(estimate(0.0, *motion(0.0)[:2]))
     for number in range(1, round(duration / STEP) + 1):
         now = number * STEP
         angle, rate, forward, upward = motion(now)
-        # What the IMU reads is the mean since the last reading.
+        # The IMU reports the mean since its last reading.
         middle = motion(now - 0.5 * STEP)
         state = odometry.advance(state, estimate(now, angle, rate),
                                  None if forward is None else imu(now, angle, *middle[2:]))
@@ -53,13 +53,13 @@ def test_rolling_forward_is_a_negative_ball_rate_times_the_radius():
     assert state.speed == pytest.approx(2.0 * RADIUS)
 
 
-def test_a_ball_that_gets_faster_without_slip_slides_nowhere():
+def test_acceleration_without_slip_adds_no_slip_distance():
     state = follow(lambda now: (-1.5 * now**2, -3.0 * now, 3.0 * RADIUS, 9.81), 1.0)
     assert state.position == pytest.approx(1.5 * RADIUS, rel=1e-6)
     assert abs(state.way) < 1e-9 and abs(state.slip) < 1e-9
 
 
-def test_in_the_air_the_speed_stays_for_any_turn_of_the_ball():
+def test_in_flight_the_speed_is_constant_for_any_rotation_of_the_ball():
     # Takes off at 1 m/s after 0.1 s and spins up by 20 rad/s2, for 0.3 s.
     def flight(now):
         rate, air = -1.0 / RADIUS, max(now - 0.1, 0.0)
@@ -79,25 +79,25 @@ def test_accelerometer_errors_in_flight_accumulate_in_the_variance():
     assert landed.position_variance == pytest.approx(density / 3.0, rel=0.01)
 
 
-def test_a_blow_makes_position_and_speed_less_certain():
-    def rolling(blow):
+def test_an_impact_increases_the_variances_of_position_and_speed():
+    def rolling(impact):
         return follow(lambda now: (-2.0 * now, -2.0, 0.0, 9.81 + (
-            blow if 0.50 <= now < 0.52 else 0.0)), 0.52)
+            impact if 0.50 <= now < 0.52 else 0.0)), 0.52)
     quiet, hit = rolling(0.0), rolling(60.0)
     assert hit.position_variance > quiet.position_variance
     assert hit.speed_variance > 4.0 * quiet.speed_variance
 
 
-def test_a_blow_is_felt_once_however_long_its_reading_is_the_newest():
+def test_an_impact_is_counted_once_while_its_reading_is_the_newest():
     odometry = OdometryFilter(GIMBALL)
     state = follow(lambda now: (0.0, 0.0, 0.0, 9.81), 0.5, odometry)
-    blow = imu(0.502, 0.0, 50.0)
+    impact = imu(0.502, 0.0, 50.0)
     for number in range(1, 20):
-        state = odometry.advance(state, estimate(0.5 + number * STEP), blow)
+        state = odometry.advance(state, estimate(0.5 + number * STEP), impact)
     assert state.speed == pytest.approx(50.0 * STEP, rel=0.01)
 
 
-def test_a_wrong_radius_is_a_part_of_the_way_and_rolling_back_corrects_it():
+def test_a_radius_error_scales_with_distance_and_cancels_on_the_way_back():
     tuning = OdometryTuning(
         radius_error=0.01, slip_part=0.0, slip_at_rest=1e-6, force_sd=1e-6)
     odometry = OdometryFilter(GIMBALL, tuning)
@@ -109,7 +109,7 @@ def test_a_wrong_radius_is_a_part_of_the_way_and_rolling_back_corrects_it():
     assert back.position_variance < 1e-6
 
 
-def test_rolling_without_readings_is_less_certain():
+def test_rolling_without_imu_readings_increases_the_variance():
     def position_variance(watched):
         force = (0.0, 9.81) if watched else (None, None)
         return follow(lambda now: (-2.0 * now, -2.0, *force), 2.0).position_variance
@@ -122,7 +122,7 @@ def test_uncertainty_of_a_ball_at_rest_stays_below_a_centimetre_in_a_minute():
     assert 0.0 < math.sqrt(state.position_variance) < 0.01
 
 
-def test_an_angle_that_is_counted_from_elsewhere_moves_nothing():
+def test_a_shift_of_the_ball_angle_does_not_move_the_position():
     odometry = OdometryFilter(GIMBALL, CERTAIN)
     before = follow(lambda now: (-2.0 * now, -2.0, 0.0, 9.81), 0.5, odometry)
     after = odometry.advance(before, estimate(0.502, 2.0, -2.0), imu(0.502, 2.0, 0.0))
@@ -132,7 +132,7 @@ def test_an_angle_that_is_counted_from_elsewhere_moves_nothing():
     assert later.position == pytest.approx(before.position + 4.0 * STEP * RADIUS, abs=1e-6)
 
 
-def test_after_a_lost_estimate_it_goes_on_from_where_it_was_and_admits_a_metre():
+def test_after_a_lost_estimate_the_position_is_kept_with_a_deviation_of_a_metre():
     odometry = OdometryFilter(GIMBALL)
     before = follow(lambda now: (-2.0 * now, -2.0, 0.0, 9.81), 0.5)
     after = odometry.advance(odometry.lost(before), estimate(0.502, 0.1, 0.0))
@@ -141,7 +141,7 @@ def test_after_a_lost_estimate_it_goes_on_from_where_it_was_and_admits_a_metre()
     assert math.isfinite(odometry.advance(after, estimate(0.504, 0.1, 0.0)).position)
 
 
-def test_an_estimate_that_is_not_later_changes_nothing():
+def test_an_estimate_without_a_later_stamp_changes_nothing():
     odometry = OdometryFilter(GIMBALL)
     state = odometry.start(estimate(1.0))
     assert odometry.advance(state, estimate(1.0, 0.5, 3.0)) is state
@@ -186,9 +186,9 @@ CASES = {
 @cache
 def drive(case, push, late=0):
     """
-    Return errors of position and speed and their deviations, each period.
+    Return the errors of position and speed and their standard deviations in each period.
 
-    IMU readings come in heaps of `late`, if that is given.
+    IMU readings arrive in batches of `late` + 1.
     """
     terrain, changes = CASES[case]
     plant = Plant(read_scene({'robot': 'gimball', 'robot_changes': changes, 'terrain': terrain,
@@ -205,7 +205,7 @@ def drive(case, push, late=0):
     fusion.follower = follow_imu
     for number in range(2500):
         now = plant.advance(push(plant))
-        if number % 2:  # 250 Hz, as a cheap IMU
+        if number % 2:  # 250 Hz, like a low-cost IMU
             held.append(ImuReading(*sensor.sample(before, now, number)))
             before = now
         if len(held) > late:
@@ -220,29 +220,29 @@ def drive(case, push, late=0):
 
 
 def swing(plant):
-    """Push back and forth."""
+    """Return a sinusoidal torque [N m]."""
     return 1.1 * math.sin(1.2 * plant.time)
 
 
 def charge(plant):
-    """Run up for a second with the pendulum raised, then only damp."""
+    """Return a torque [N m] that raises the pendulum for 1.2 s and then only damps."""
     state = plant.state
     return 1.57 - 0.5 * state.pendulum_angle - 0.2 * state.pendulum_rate \
         if plant.time < 1.2 else -0.3 * state.pendulum_rate
 
 
 @pytest.mark.parametrize('case, push', pairs(list(CASES), [swing, charge]))
-def test_the_true_place_is_within_three_deviations_on_any_ground(case, push):
+def test_the_true_position_is_within_three_deviations_on_any_ground(case, push):
     position, speed, position_sd, speed_sd = drive(case, push)
     assert np.mean(position < 3.0 * position_sd) > 0.99
     assert np.mean(speed < 3.0 * speed_sd) > 0.99
-    # And it says something: a deviation that is always large would pass as well.
+    # The deviation must also be small; a large one would always pass the test above.
     assert np.median(position_sd) < (0.15 if case == 'off an edge' else 0.05)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('case', ('crossing', 'spinning at a wall', 'bumps'))
-def test_readings_that_come_late_and_in_heaps_are_each_felt_once(case):
-    """A blow in a reading that is the newest for 20 ms is not a push of 20 ms."""
+def test_late_readings_in_batches_are_counted_once(case):
+    """An impact in a reading that is the newest for 20 ms must not act for 20 ms."""
     in_time, late = drive(case, charge)[0], drive(case, charge, late=4)[0]
     assert abs(late[-1] - in_time[-1]) < 0.02 and np.abs(late - in_time).max() < 0.08

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Floor files and map_server maps: what is read, and what is refused with which reason."""
+"""Floor files and map_server maps: loading, and refusals with their reasons."""
 import math
 
 import numpy as np
@@ -35,7 +35,7 @@ def test_a_map_of_map_server_has_its_last_row_at_the_origin(tmp_path):
     assert (resolution, origin) == (0.1, (-1.0, 2.0))
 
 
-def test_shades_between_the_thresholds_are_unknown_and_negate_swaps(tmp_path):
+def test_shades_between_the_thresholds_are_unknown_and_negate_inverts_the_shades(tmp_path):
     shades = [[0, 128, 255]]
     assert read_map(write_map(tmp_path, shades))[0].tolist() == [[OCCUPIED, UNKNOWN, FREE]]
     assert read_map(write_map(tmp_path, shades, MAP.format(1)))[0].tolist() == [
@@ -54,7 +54,7 @@ def test_png_and_pgm_give_the_same_map(tmp_path):
     (('resolution: 0.1', 'resolution: 50'), 'out_of_range', 'resolution'),
     (('occupied_thresh: 0.65', 'occupied_thresh: .nan'), 'not_finite', 'occupied_thresh'),
     (('plan.pgm', 'none.pgm'), 'unreadable', 'image')])
-def test_a_map_that_cannot_be_used_is_refused(change, reason, field, tmp_path):
+def test_an_invalid_map_is_refused(change, reason, field, tmp_path):
     path = write_map(tmp_path, [[255]], MAP.format(0).replace(*change))
     with pytest.raises(ConfigurationError) as caught:
         read_map(path)
@@ -70,7 +70,7 @@ def test_a_map_of_100_million_cells_is_refused_before_its_pixels_are_read(tmp_pa
 
 
 def test_a_list_of_features_may_be_empty(tmp_path):
-    """As after a user has commented out all of them."""
+    """This happens after a user has commented out all of them."""
     (tmp_path / 'f.yaml').write_text('walls: {size: [4, 4], lines: []}\nfeatures:\n  # none\n')
     assert load_floor(tmp_path / 'f.yaml').features == ()
 
@@ -89,7 +89,7 @@ features:
                      ('out_of_range', 'height'), ('wrong_type', 'polygon'),
                      ('inconsistent', 'line'), ('wrong_type', 'lines[0]'),
                      ('out_of_range', 'size'), ('unreadable', 'image')}
-    # With a map that can be read, places beyond it too.
+    # With a readable map, positions outside it are reported as well.
     found = refusals(tmp_path / 'f.yaml', """
 walls: {size: [5, 5], lines: []}
 start: [1, 40, 0]
@@ -115,7 +115,7 @@ def test_a_floor_that_contradicts_itself_is_refused(text, refusal, tmp_path):
     assert refusal in refusals(tmp_path / 'f.yaml', text)
 
 
-def test_walls_are_as_thick_as_the_file_says(tmp_path):
+def test_walls_have_the_thickness_of_the_file(tmp_path):
     path = tmp_path / 'f.yaml'
     path.write_text('walls: {size: [2, 1], lines: [[[1, 0], [1, 1]]], thickness: 0.2, '
                     'resolution: 0.01}')
@@ -134,7 +134,7 @@ def test_distance_and_inside_agree_with_geometry():
 
 def test_a_rotated_map_is_sampled_along_the_axes(tmp_path):
     shades = np.full((20, 40), 255)
-    shades[5, 30] = 0  # row 14 from below
+    shades[5, 30] = 0  # row 14 from the bottom
     text = MAP.format(0).replace('origin: [-1.0, 2.0, 0.0]', 'origin: [1.0, 2.0, 0.5]')
     cells, resolution, origin = read_map(write_map(tmp_path, shades, text))
     # The centre of the occupied cell in the frame map.
@@ -172,7 +172,7 @@ def test_heights_are_read_from_an_image_of_16_bits(change, refusal, tmp_path):
     assert heights.at(0.5, 0.25) == pytest.approx(0.5 * (0.0002 + 0.65535))
 
 
-def test_a_robot_starts_in_the_middle_of_the_largest_room_or_where_the_file_says(tmp_path):
+def test_the_start_is_the_middle_of_the_largest_room_or_that_of_the_file(tmp_path):
     path = tmp_path / 'f.yaml'
     path.write_text('walls: {size: [6, 4], lines: [[[4, 0], [4, 4]]]}')
     x, y, heading = load_floor(path).start

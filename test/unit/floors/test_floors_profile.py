@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Profiles cut from a floor, compared with geometry solved by hand."""
+"""Profiles cut from a floor, compared with analytical geometry."""
 from dataclasses import replace
 import math
 
@@ -31,7 +31,7 @@ def heights(found, distances):
 
 
 @given(places, angles, strategies.floats(0.01, 0.2))
-def test_a_step_lies_where_the_line_meets_its_line(place, heading, height):
+def test_a_step_is_at_the_intersection_of_profile_and_step_line(place, heading, height):
     floor = floor_of({'kind': 'step', 'line': [[5.0, 10.0], [5.0, 0.0]], 'height': height})
     assume(abs(math.cos(heading)) > 0.2 and abs(place[0] - 5.0) > 0.01)
     distance = (5.0 - place[0]) / math.cos(heading)
@@ -66,7 +66,7 @@ def test_a_ramp_rises_along_its_line(place, heading):
     outline = [(2.0, 2.0), (8.0, 2.0), (8.0, 8.0), (2.0, 8.0)]
     floor = floor_of({'kind': 'ramp', 'polygon': outline, 'line': [[2.0, 5.0], [8.0, 5.0]],
                       'height': 0.6})
-    # A line along the outline is in it or not.
+    # A profile along the outline may be inside or outside.
     assume(min(abs(math.cos(heading)), abs(math.sin(heading))) > 1e-6)
     found = cut(floor, place, heading)
     along = np.linspace(-3.0, 3.0, 61)
@@ -102,7 +102,7 @@ def test_a_threshold_is_wider_along_an_oblique_line(angle):
     assert [edge.height for edge in found.edges] == pytest.approx([0.02, -0.02])
 
 
-def test_the_bars_of_a_polyline_have_one_height_where_they_join():
+def test_the_bars_of_a_polyline_have_a_single_height_at_their_joints():
     floor = floor_of({'kind': 'cord', 'line': [[3.0, 5.0], [5.0, 5.0], [7.0, 5.0]],
                       'height': 0.006, 'width': 0.01})
     found = cut(floor, (4.0, 5.0), 0.0)
@@ -110,7 +110,7 @@ def test_the_bars_of_a_polyline_have_one_height_where_they_join():
     assert [edge.distance for edge in found.edges] == [-1.0, 3.0]
 
 
-def test_friction_belongs_to_the_ground_inside_an_area():
+def test_friction_applies_to_the_ground_inside_an_area():
     floor = floor_of({'kind': 'friction', 'friction': 0.05,
                       'polygon': [[4.0, 0.0], [6.0, 0.0], [6.0, 10.0], [4.0, 10.0]]})
     found = cut(floor, (2.0, 5.0), 0.0)
@@ -151,7 +151,7 @@ def test_ranges_are_distances_to_the_walls_of_a_room():
     floor = floor_of(walls=[(edge, slice(None)), (slice(-20, None), slice(None)),
                             (slice(None), edge), (slice(None), slice(-20, None))])
     headings = np.linspace(-math.pi, math.pi, 73)
-    # The room is 1 m to 9 m both ways.
+    # The room extends from 1 m to 9 m in x and y.
     with np.errstate(divide='ignore'):
         expected = np.minimum(
             np.where(np.cos(headings) > 0.0, 6.0, 2.0) / np.abs(np.cos(headings)),
@@ -162,23 +162,23 @@ def test_ranges_are_distances_to_the_walls_of_a_room():
 
 
 @given(places, places)
-def test_levels_of_rooms_agree_with_the_steps_between_them(begin, end):
-    # A room of 4 m, higher than the rest, with a pedestal.
+def test_levels_of_rooms_agree_with_the_steps_between_them(start, end):
+    # A raised room of 4 m with a pedestal.
     floor = floor_of(
         {'kind': 'step', 'line': [[7.0, 3.0], [7.0, 7.0], [3.0, 7.0], [3.0, 3.0], [7.0, 3.0]],
          'height': 0.04},
         {'kind': 'drop', 'line': [[6.0, 4.0], [6.0, 6.0], [4.0, 6.0], [4.0, 4.0], [6.0, 4.0]],
          'height': 0.02})
-    for place in (begin, end):
+    for place in (start, end):
         assume(min(abs(item - line) for item in place for line in (3.0, 4.0, 6.0, 7.0)) > 0.05)
-    assert level(floor, end) - level(floor, begin) == pytest.approx(passed(floor, begin, end))
+    assert level(floor, end) - level(floor, start) == pytest.approx(passed(floor, start, end))
 
 
-def test_a_crest_needs_the_height_that_the_angle_asks_for():
+def test_a_crest_requires_the_height_factor_of_its_angle():
     floor = floor_of({'kind': 'step', 'line': [[5.0, 10.0], [5.0, 0.0]], 'height': 0.03})
     found = cut(floor, (4.0, 5.0), 0.0, factor=lambda angle: 0.75)
     assert heights(found, [0.9, 1.0 + 1e-9, 1.2]) == pytest.approx([0.0, 0.04, 0.03], abs=1e-6)
-    # Behind a ball that drives away, too; a ball above it rolls down without a crest.
+    # A crest also exists behind a ball that drives away, but not for a ball that rolls down.
     away = cut(floor, (4.0, 5.0), math.pi, factor=lambda angle: 0.75)
     assert heights(away, [-0.9, -1.0 - 1e-9, -1.2]) == pytest.approx([0.0, 0.04, 0.03], abs=1e-6)
     down = cut(floor, (6.0, 5.0), math.pi, factor=lambda angle: 0.75)

@@ -32,7 +32,7 @@ class Ball:
         self.speed = self.yaw_rate = self.time = 0.0
         self.offset = (0.0, 0.0)
         self.points = self.faces = self.report = None
-        self.every = 1  # percepts from one measurement to the next
+        self.every = 1  # percepts per measurement
         self.crosses = self._cross
         self.path = []
 
@@ -62,11 +62,11 @@ class Ball:
         self.state, command = self.navigator.advance(self.state, self.percept())
         if command.kind is CommandKind.CROSS:
             self.report = self.crosses(before)
-            # A jump of place within one period is a crossing here, not a jump.
+            # This change of position within one period is a crossing, not a jump.
             self.state = replace(self.state, last=None)
-        share = 1.0 - math.exp(-PERIOD / LAG)
-        self.speed += share * (command.speed - self.speed)
-        self.yaw_rate += share * (command.yaw_rate - self.yaw_rate)
+        fraction = 1.0 - math.exp(-PERIOD / LAG)
+        self.speed += fraction * (command.speed - self.speed)
+        self.yaw_rate += fraction * (command.yaw_rate - self.yaw_rate)
         self.heading += PERIOD * self.yaw_rate
         self.x += PERIOD * self.speed * math.cos(self.heading)
         self.y += PERIOD * self.speed * math.sin(self.heading)
@@ -123,7 +123,7 @@ def test_another_goal_stops_the_ball_and_replaces_the_first(navigator):
     assert math.dist((ball.x, ball.y), (2.5, 1.0)) < 0.15
 
 
-def test_a_refused_goal_leaves_the_active_one(navigator):
+def test_a_refused_goal_does_not_replace_the_active_one(navigator):
     ball = Ball(navigator, *KITCHEN)
     ball.begin(STUDY)
     ball.run(2.0)
@@ -149,7 +149,7 @@ def test_an_obstacle_on_the_path_is_driven_around(navigator, every):
 def test_all_unmapped_points_of_a_scan_are_learned_with_an_obstacle(navigator):
     ball = Ball(navigator, 0.6, 5.0, 0.0)
     ball.begin((2.8, 5.0))
-    # A side of it on the way of the ball, and one beyond.
+    # Three points are on the path of the ball, and one is beside the path.
     ball.points = (*((1.6, 4.9 + 0.1 * number) for number in range(3)), (1.6, 4.3))
     ball.run(20.0, until=lambda ball: ball.state.learned.obstacles)
     assert set(ball.state.learned.obstacles) == set(ball.points)
@@ -161,8 +161,8 @@ def test_an_obstacle_ends_a_crossing_up_to_its_last_braking_point(navigator, spe
     ball.crosses = lambda segment: None
     ball.begin(STUDY)
     ball.run(60.0, until=lambda ball: ball.state.status is NavStatus.CROSSING)
-    begin, end = np.array(ball.state.segment.points)
-    ball.points = (tuple(begin + 0.8 * (end - begin)),)
+    start, end = np.array(ball.state.segment.points)
+    ball.points = (tuple(start + 0.8 * (end - start)),)
     for _ in range(3):
         ball.state, _ = navigator.advance(
             ball.state, ball.percept()._replace(speed=speed))
@@ -171,7 +171,7 @@ def test_an_obstacle_ends_a_crossing_up_to_its_last_braking_point(navigator, spe
     assert bool(ball.state.learned.obstacles) is ends
 
 
-def test_walls_of_the_map_are_no_obstacles(navigator, planner):
+def test_walls_of_the_map_are_not_learned_as_obstacles(navigator, planner):
     ball = Ball(navigator, *KITCHEN)
     rows, columns = np.nonzero(planner.floor.cells == 2)
     ball.points = tuple(planner.floor.center_of(int(row), int(column))
@@ -181,7 +181,7 @@ def test_walls_of_the_map_are_no_obstacles(navigator, planner):
     assert ball.state.status is NavStatus.SUCCEEDED and not ball.state.learned.obstacles
 
 
-def test_the_edge_of_a_pit_is_not_higher_than_the_pit_is_deep(tmp_path):
+def test_the_measured_edge_of_a_pit_agrees_with_its_depth(tmp_path):
     path = tmp_path / 'floor.yaml'
     path.write_text('walls: {size: [4, 4], lines: []}\nfeatures:\n- {kind: level, height: -0.02, '
                     'polygon: [[0.0, 0.0], [2.0, 0.0], [2.0, 4.0], [0.0, 4.0]]}')
@@ -213,7 +213,7 @@ def test_a_measured_rise_belongs_to_the_nearest_feature(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_refused_crossing_is_learned_and_another_way_is_taken_or_none(navigator):
+def test_a_refused_crossing_is_learned_and_the_goal_fails_without_another_route(navigator):
     ball = Ball(navigator, *KITCHEN, 1.57)
     ball.crosses = lambda segment: CrossingReport(False, 'too high', 0.2)
     ball.begin(STUDY)
@@ -224,7 +224,7 @@ def test_a_refused_crossing_is_learned_and_another_way_is_taken_or_none(navigato
 
 
 @pytest.mark.parametrize('crossed', [True, False])
-def test_a_crossing_reports_the_height_whether_it_is_lower_or_higher(navigator, crossed):
+def test_a_crossing_reports_a_height_after_success_and_failure(navigator, crossed):
     ball = Ball(navigator, *KITCHEN, 1.57)
     height = navigator.planner.floor.features[0].height - 0.002
     ball.crosses = lambda segment: CrossingReport(crossed, 'report', height, touched=crossed)
@@ -243,12 +243,12 @@ def test_repeated_failures_exclude_a_crossing(navigator):
     assert (ball.state.status, ball.state.reason) == (NavStatus.FAILED, 'no_route')
     numbers, _, run_ups, crossed, _ = zip(*ball.state.learned.outcomes)
     assert set(numbers) == {0} and not any(crossed)
-    # A failure does not count for a longer run-up.
+    # A failure does not affect longer run-ups.
     assert list(run_ups) == sorted(run_ups)
 
 
 @pytest.mark.parametrize('mode', [CommandKind.DRIVE, CommandKind.CROSS])
-def test_a_jump_of_the_localisation_stops_the_ball_and_it_plans_again(navigator, mode):
+def test_a_localisation_jump_stops_the_ball_and_triggers_replanning(navigator, mode):
     ball = Ball(navigator, *KITCHEN, 1.57)
     ball.crosses = lambda segment: None
     ball.begin(STUDY)
@@ -259,13 +259,13 @@ def test_a_jump_of_the_localisation_stops_the_ball_and_it_plans_again(navigator,
     ball.offset = (0.0, -1.0)
     ball.step()
     assert ball.state.reason == 'localisation_jump' and ball.state.recoveries == 1
-    # A ball that rests before a crossing has no way to stop.
+    # A ball at rest before a crossing does not need to stop.
     assert (ball.state.status is NavStatus.STOPPING) == (mode is CommandKind.DRIVE)
     ball.run(10.0, until=lambda ball: ball.state.status is not NavStatus.STOPPING)
     assert ball.state.status is NavStatus.DRIVING and at_rest(ball)
 
 
-def test_a_place_that_is_not_finite_ends_the_goal_at_rest(navigator):
+def test_a_position_that_is_not_finite_ends_the_goal_with_the_ball_at_rest(navigator):
     ball = Ball(navigator, *KITCHEN)
     ball.begin(STUDY)
     ball.run(4.0)
@@ -277,7 +277,7 @@ def test_a_place_that_is_not_finite_ends_the_goal_at_rest(navigator):
     assert at_rest(ball)
 
 
-def test_a_replaced_map_is_planned_on_after_a_stop(navigator):
+def test_a_new_map_is_used_for_planning_after_a_stop(navigator):
     ball = Ball(navigator, *KITCHEN, 1.57)
     ball.begin((2.9, 2.2))
     ball.run(3.0)
@@ -289,7 +289,7 @@ def test_a_replaced_map_is_planned_on_after_a_stop(navigator):
     assert (ball.state.status, ball.state.reason) == (NavStatus.FAILED, 'wall') and at_rest(ball)
 
 
-def test_a_ball_that_does_not_get_on_remembers_an_obstacle(navigator):
+def test_a_ball_without_progress_learns_an_obstacle(navigator):
     ball = Ball(navigator, *KITCHEN)
     ball.begin((2.9, 1.4))
     held = (ball.x + 0.3, 0.0)
@@ -308,7 +308,7 @@ def test_a_ball_that_does_not_get_on_remembers_an_obstacle(navigator):
 
 
 @pytest.mark.parametrize('degrees, direction', [(3.0, -1), (-3.0, 1)])
-def test_a_ball_held_by_a_wall_of_the_map_leaves_it_the_other_way_and_learns_no_obstacle(
+def test_a_ball_stuck_at_a_mapped_wall_leaves_in_the_other_direction_and_learns_no_obstacle(
         navigator, planner, degrees, direction):
     ball = Ball(navigator, 1.5, 0.05 + planner.ball_radius, math.radians(degrees))
     ball.begin((2.9, 1.4))
@@ -320,7 +320,7 @@ def test_a_ball_held_by_a_wall_of_the_map_leaves_it_the_other_way_and_learns_no_
     assert ball.state.segment.direction == -direction
 
 
-def test_a_ball_off_the_line_of_a_crossing_backs_off_and_returns_onto_it(navigator):
+def test_a_ball_beside_the_line_of_a_crossing_backs_off_and_returns_to_the_line(navigator):
     ball = Ball(navigator, *KITCHEN, 1.57)
     ball.begin(STUDY)
     ball.run(60.0, until=lambda ball: (
@@ -338,7 +338,7 @@ def test_a_ball_off_the_line_of_a_crossing_backs_off_and_returns_onto_it(navigat
 
 
 def crossing_ball(navigator, degrees):
-    """Return a ball whose crossing has started, and that has turned since."""
+    """Return a ball that has turned by an angle since the start of its crossing."""
     ball = Ball(navigator, *KITCHEN, 1.57)
     ball.crosses = lambda segment: None
     ball.begin(STUDY)
@@ -350,7 +350,7 @@ def crossing_ball(navigator, degrees):
 
 @pytest.mark.parametrize(('degrees', 'moved', 'begins'), [
     (3.0, True, True), (40.0, True, False), (40.0, False, True)])
-def test_only_another_attempt_ends_where_no_crossing_may_begin(navigator, degrees, moved, begins):
+def test_only_a_new_attempt_ends_where_no_crossing_may_start(navigator, degrees, moved, begins):
     ball = crossing_ball(navigator, degrees)
     if moved:
         ball.state = replace(ball.state, moving=ball.state.crossing_start + PERIOD)
@@ -360,7 +360,7 @@ def test_only_another_attempt_ends_where_no_crossing_may_begin(navigator, degree
 
 
 def test_a_ball_that_is_slow_close_to_the_step_continues(navigator):
-    """Before the touch the pendulum swings back, and the ball is almost at rest."""
+    """The pendulum swings back before the touch, and the ball is almost at rest."""
     ball = crossing_ball(navigator, 40.0)
     along = 0.7 * ball.state.segment.crossing.run_up
     ball.y += along
@@ -369,7 +369,7 @@ def test_a_ball_that_is_slow_close_to_the_step_continues(navigator):
     assert ball.state.status is NavStatus.CROSSING and ball.state.alignments == 0
 
 
-def test_a_ball_that_the_edge_has_turned_stops_and_plans_again(navigator):
+def test_a_ball_turned_by_the_edge_stops_and_replans(navigator):
     ball = crossing_ball(navigator, 50.0)
     ball.step()
     assert (ball.state.status, ball.state.reason) == (NavStatus.STOPPING, 'off_path')
@@ -377,7 +377,7 @@ def test_a_ball_that_the_edge_has_turned_stops_and_plans_again(navigator):
 
 
 @pytest.mark.parametrize('speed', [0.05, -0.05])
-def test_run_up_and_way_back_are_steered_towards_the_line(navigator, speed):
+def test_run_up_and_backing_off_are_steered_towards_the_line(navigator, speed):
     ball = Ball(navigator, *KITCHEN, 1.57)
     ball.crosses = lambda segment: None
     ball.begin(STUDY)
@@ -391,7 +391,7 @@ def test_run_up_and_way_back_are_steered_towards_the_line(navigator, speed):
 @pytest.mark.parametrize('aside, turned, reason', [
     (0.0, 0.6, ''), (0.4, 0.6, ''), (-0.4, -0.6, ''), (0.0, 0.9, 'off_path'),
     (0.75, -0.6, 'off_path'), (0.75, 0.6, ''), (-0.65, 0.6, 'off_path'), (-0.65, -0.6, '')])
-def test_a_deviation_replans_where_the_ball_would_come_too_close_to_wall_or_carpet(
+def test_a_deviation_triggers_replanning_if_the_ball_would_come_too_close_to_a_wall_or_carpet(
         navigator, aside, turned, reason):
     ball = Ball(navigator, 4.6, 0.9, math.pi / 2.0)
     ball.begin((4.6, 2.2))
@@ -403,7 +403,7 @@ def test_a_deviation_replans_where_the_ball_would_come_too_close_to_wall_or_carp
 
 
 @pytest.mark.parametrize(('degrees', 'aligned'), [(0.0, True), (-20.0, True), (50.0, False)])
-def test_planner_and_navigator_agree_whether_a_crossing_begins_at_the_ball(
+def test_planner_and_navigator_agree_whether_a_crossing_can_start_at_a_pose(
         navigator, planner, degrees, aligned):
     route = planner.route((*KITCHEN, 1.57), BEDROOM)
     index = next(index for index, segment in enumerate(route.segments) if segment.feature)
@@ -426,7 +426,7 @@ def test_a_ball_closer_to_a_wall_than_the_clearance_crosses_only_away_from_it(pl
 
 
 @pytest.mark.parametrize(('turned', 'stops'), [(-0.5, True), (0.5, False)])
-def test_a_ball_that_would_brake_at_a_wall_stops_before_its_deviation_is_large(
+def test_a_ball_that_would_have_to_brake_at_a_wall_stops_before_its_deviation_is_large(
         navigator, planner, turned, stops):
     ball = Ball(navigator, *KITCHEN)
     ball.begin(STUDY)
@@ -445,7 +445,7 @@ def step_too_high_on_the_map(tmp_path, height_sd, height=0.053):
     return Ball(Navigator(RoutePlanner(load_floor(path), KNOWLEDGE), KNOWLEDGE), 1.0, 1.5)
 
 
-def test_a_step_that_may_be_lower_than_on_the_map_is_attempted_where_no_other_way_exists(tmp_path):
+def test_a_step_that_may_be_lower_than_on_the_map_is_attempted_without_another_route(tmp_path):
     ball, goal = step_too_high_on_the_map(tmp_path, 0.002), (5.0, 1.5)
     with pytest.raises(RefusedError) as caught:
         ball.navigator.planner.route((1.0, 1.5, 0.0), goal)
@@ -456,7 +456,7 @@ def test_a_step_that_may_be_lower_than_on_the_map_is_attempted_where_no_other_wa
     assert not ball.state.learned.heights
 
 
-def test_a_step_that_the_sensors_find_lower_is_crossed_as_high_as_it_is(tmp_path):
+def test_a_step_that_is_measured_lower_is_crossed_with_its_measured_height(tmp_path):
     ball, run_ups = step_too_high_on_the_map(tmp_path, 0.002), []
 
     def cross(segment):

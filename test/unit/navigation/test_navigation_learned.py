@@ -9,7 +9,7 @@ from ballbot_ros.navigation.learned import Learned
 ATTEMPTS = [(3, 1, 0.5, True)] * 4 + [(3, 1, 0.2, False)] * 2 + [(3, -1, 0.5, False)]
 
 
-def test_the_stored_outcomes_do_not_grow_with_the_attempts(tmp_path):
+def test_the_number_of_stored_outcomes_does_not_grow_with_the_attempts(tmp_path):
     learned = Learned()
     for attempt in 100 * ATTEMPTS:
         learned = learned.with_outcome(*attempt)
@@ -24,7 +24,7 @@ def test_a_file_with_a_row_for_each_attempt_gives_the_same_probability(tmp_path)
     path.write_text(json.dumps(
         {'version': 2, 'heights': [], 'obstacles': [], 'outcomes': ATTEMPTS}))
     learned = Learned.read(path)
-    # Prior of 5 attempts; successes count for longer run-ups, failures for shorter ones.
+    # Prior of 5 attempts; successes apply to longer run-ups, failures to shorter ones.
     assert learned.probability(3, 1, 0.5, 0.8) == pytest.approx((5 * 0.8 + 4) / 9)
     assert learned.probability(3, 1, 0.2, 0.8) == pytest.approx((5 * 0.8 + 0) / 7)
     assert learned.probability(3, -1, 0.35, 0.8) == pytest.approx((5 * 0.8 + 0) / 6)

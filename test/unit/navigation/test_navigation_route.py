@@ -45,25 +45,25 @@ def planner_of(tmp_path, features, size=(4, 4), lines='[]'):
 
 
 def choices(capability, faces, height_sd, longest, room):
-    """Return the crossings with run-ups up to a length."""
+    """Return the possible crossings with run-ups up to `longest`."""
     found = (capability.crossing(faces, height_sd, run_up, room)
              for run_up in RUN_UPS if run_up <= longest)
     return [item for item in found if item is not None]
 
 
-def test_higher_steps_take_longer_run_ups(capability):
+def test_higher_steps_require_longer_run_ups(capability):
     run_ups = [choices(capability, [(0.0, height)], 0.001, 3.0, 3.0)[0].run_up
                for height in (0.015, 0.03, 0.04, 0.045)]
     assert run_ups == sorted(run_ups) and run_ups[-1] >= 2.0 * run_ups[0]
 
 
-def test_a_step_of_45_mm_is_a_wall_from_half_a_metre_and_a_door_from_one_and_a_half(capability):
+def test_a_step_of_45_mm_requires_a_run_up_between_half_a_metre_and_one_and_a_half(capability):
     assert not choices(capability, [(0.0, 0.045)], 0.001, 0.5, 3.0)
     best = choices(capability, [(0.0, 0.045)], 0.001, 1.5, 3.0)[-1]
     assert best.probability >= TUNING.required_probability and best.run_up <= 1.5
 
 
-def test_a_table_is_kept_for_its_robot_and_heights_are_rounded_up(
+def test_a_stored_table_is_used_for_its_robot_only_and_heights_are_rounded_up(
         capability, tmp_path, monkeypatch):
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     first = Capability(KNOWLEDGE)
@@ -76,7 +76,7 @@ def test_a_table_is_kept_for_its_robot_and_heights_are_rounded_up(
 
 
 @pytest.mark.slow
-def test_an_entry_does_not_depend_on_those_before_it(tmp_path, monkeypatch):
+def test_an_entry_does_not_depend_on_earlier_entries(tmp_path, monkeypatch):
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     after, alone = Capability(KNOWLEDGE), Capability(KNOWLEDGE)
     choices(after, [(0.0, 0.02)], 0.001, 0.5, 1.0)
@@ -84,7 +84,7 @@ def test_an_entry_does_not_depend_on_those_before_it(tmp_path, monkeypatch):
         == choices(alone, [(0.0, 0.04)], 0.001, 1.0, 1.0) != []
 
 
-def test_without_room_behind_nothing_is_crossed(capability):
+def test_no_step_is_crossed_without_room_behind_it(capability):
     assert not choices(capability, [(0.0, 0.02)], 0.001, 3.0, 0.2)
 
 
@@ -95,7 +95,7 @@ def test_more_room_behind_a_step_excludes_no_run_up(capability):
     assert all(less <= more for less, more in zip(run_ups, run_ups[1:])) and run_ups[-1]
 
 
-def test_a_crossing_is_offered_with_a_longer_run_up_once_a_shorter_one_failed(tmp_path):
+def test_after_a_failure_a_crossing_is_planned_with_a_longer_run_up(tmp_path):
     planner, ends = planner_of(tmp_path, [
         '{kind: step, line: [[2.5, 4.0], [2.5, 0.0]], height: 0.02}'], (5, 4)), (
             (1.0, 2.0), (3.8, 2.0))
@@ -110,7 +110,7 @@ def test_a_crossing_is_offered_with_a_longer_run_up_once_a_shorter_one_failed(tm
     assert run_up() == shortest
 
 
-def test_a_run_up_for_which_no_state_is_far_enough_begins_behind_the_last_one(tmp_path):
+def test_a_run_up_longer_than_the_distance_of_all_states_starts_behind_the_last_one(tmp_path):
     x = 1.27
     planner = planner_of(tmp_path, [
         f'{{kind: step, line: [[{x}, 2.0], [{x}, 0.0]], height: 0.041}}'], (5.5, 2))
@@ -122,11 +122,11 @@ def test_a_run_up_for_which_no_state_is_far_enough_begins_behind_the_last_one(tm
     assert before.direction == -1 and before.points[-1] == crossing.points[0]
 
 
-def test_the_bedroom_is_reached_with_a_run_up_that_begins_in_the_living_room(flat):
+def test_the_bedroom_is_reached_with_a_run_up_that_starts_in_the_living_room(flat):
     route = flat.route(KITCHEN, BEDROOM)
     step = [segment for segment in route.segments
             if segment.feature is not None and segment.feature.name == 'bedroom step']
-    # The hall begins at y = 2.8 m, behind the living room.
+    # The hall starts at y = 2.8 m, behind the living room.
     assert len(step) == 1 and step[0].points[0][1] < 2.8 and step[0].points[1][1] > 4.0
     assert 'bedroom step' in flat.explain(route, KITCHEN, BEDROOM)
 
@@ -143,7 +143,7 @@ def test_times_and_probabilities_add_up(flat):
 
 
 @pytest.mark.parametrize('degrees', [-2.0, 2.0])
-def test_crossings_are_planned_for_the_accuracy_of_the_heading(flat, degrees):
+def test_planned_crossings_tolerate_errors_of_the_heading(flat, degrees):
     segments = flat.route(KITCHEN, BEDROOM).segments
     for segment in (item for item in segments if item.feature):
         pose = *segment.points[0], segment.heading + math.radians(degrees)
@@ -157,7 +157,7 @@ def test_the_time_of_a_crossing_contains_that_of_further_attempts(flat):
     assert segment.time > once * (1.0 + failing)
 
 
-def test_a_failure_before_the_step_is_followed_by_an_attempt_with_another_plan(
+def test_the_probability_of_a_route_contains_further_attempts_after_a_failure(
         capability, flat):
     for crossing in choices(capability, [(0.0, 0.0425)], 0.001, 2.4, 2.5):
         assert crossing.probability < crossing.eventual < 1.0
@@ -184,19 +184,19 @@ def test_a_strip_without_room_between_its_edges_is_not_crossed_as_one_step(width
 
 
 @pytest.mark.parametrize('joints', [1, 8])
-def test_joints_of_a_straight_step_do_not_change_the_route(joints, tmp_path):
+def test_intermediate_points_of_a_straight_step_do_not_change_the_route(joints, tmp_path):
     def time(points):
         planner = planner_of(tmp_path, [f'{{kind: step, line: {points}, height: 0.02}}'])
         return planner.route((0.8, 2.0), (3.3, 2.0)).time
     straight = time([[2.0, 4.0], [2.0, 0.0]])
     jointed = time([[2.0, 4.0 - 4.0 * index / (joints + 1)] for index in range(joints + 2)])
-    # Places of crossings lie 0.2 m apart, and shift with the joints.
+    # The positions of crossings have a spacing of 0.2 m, and shift with the joints.
     assert jointed == pytest.approx(straight, abs=0.2 / TUNING.cruise_speed)
 
 
 @pytest.mark.parametrize(('height', 'degrees', 'aligned'), [
     (0.008, 30.0, True), (0.008, 60.0, False), (0.042, 2.0, True), (0.042, 30.0, False)])
-def test_the_height_of_a_step_bounds_the_angle_at_which_its_crossing_begins(
+def test_the_height_of_a_step_limits_the_angle_at_the_start_of_its_crossing(
         height, degrees, aligned, tmp_path):
     planner = planner_of(tmp_path, [
         f'{{kind: step, line: [[2.2, 4.0], [2.2, 0.0]], height: {height}}}'])
@@ -224,7 +224,7 @@ def test_no_route_comes_near_stairs_or_through_walls(flat, ends):
     points = np.concatenate([np.linspace(one, two, 20) for one, two in zip(
         route.points, route.points[1:])])
     near = min(distance_to_segment(*points.T, *segment).min() for segment in stairs.segments)
-    # A cell of the search is 0.1 m; a ball that stands closer leaves without coming closer still.
+    # A cell of the search is 0.1 m; a ball that starts closer must not come even closer.
     start = min(distance_to_segment(*ends[:2], *segment) for segment in stairs.segments)
     assert near > min(flat.drop_distance - 0.08, start - 0.01)
     for x, y in points:
@@ -278,7 +278,7 @@ def exhaustive(planner, start, goal):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', range(4))
-def test_no_way_over_the_lattice_is_faster_than_the_route(seed, tmp_path, monkeypatch):
+def test_no_path_on_the_lattice_is_faster_than_the_route(seed, tmp_path, monkeypatch):
     monkeypatch.setattr('ballbot_ros.navigation.route.LEVELS', 4)
     monkeypatch.setattr(f'{__name__}.LEVELS', 4)
     random = np.random.default_rng(seed)
@@ -303,7 +303,7 @@ def test_no_way_over_the_lattice_is_faster_than_the_route(seed, tmp_path, monkey
 @pytest.mark.parametrize('place, reason', [
     ((0.1, 3.0), 'wall'), ((100.0, 3.0), 'off_map'), ((math.nan, 3.0), 'not_finite'),
     ((5.5, 4.0), 'feature'), ((8.0, 3.4), 'feature')])
-def test_places_where_the_ball_cannot_be_are_refused(flat, place, reason):
+def test_impossible_positions_are_refused(flat, place, reason):
     with pytest.raises(RefusedError) as caught:
         flat.route(KITCHEN, place)
     assert (caught.value.reason, caught.value.field) == (reason, 'goal')
@@ -331,13 +331,13 @@ def test_without_a_route_the_message_names_the_step_that_lacks_run_up(tmp_path):
     with pytest.raises(RefusedError) as caught:
         planner.route((0.7, 2.0), (3.3, 2.0))
     assert caught.value.reason == 'no_route' and 'sill' in str(caught.value)
-    # Down a lower one it goes without a run-up: 0.85 m are enough to stop behind it.
+    # Down a lower step the ball needs no run-up: 0.85 m suffice to stop behind it.
     lower = planner_of(
         tmp_path, ['{kind: step, name: sill, line: [[1.2, 4.0], [1.2, 0.0]], height: 0.02}'])
     assert lower.route((3.3, 2.0), (0.7, 2.0)).segments
 
 
-def test_a_robot_that_requires_more_takes_longer_run_ups_or_none(tmp_path):
+def test_a_higher_required_probability_gives_longer_run_ups_or_a_refusal(tmp_path):
     features = ['{kind: step, line: [[2.0, 4.0], [2.0, 0.0]], height: 0.045}']
     usual = planner_of(tmp_path, features).route((0.8, 2.0), (3.3, 2.0))
     careful = replace(KNOWLEDGE, tuning=replace(TUNING, required_probability=0.98))
@@ -360,7 +360,7 @@ def test_masks_keep_nav2_out_of_steps_and_slow_it_near_stairs(flat, tmp_path):
     assert keep_out.shape == floor.cells.shape
     assert keep_out[floor.cell_of((5.5, 4.0))] == 0  # the bedroom step: occupied
     assert keep_out[floor.cell_of((5.5, 3.4))] == 255
-    # No limit far from the stairs, and less speed the nearer they are.
+    # No limit far from the stairs, and a lower speed closer to them.
     limits = [255 - int(speed[floor.cell_of((x, 3.4))]) for x in (4.0, 7.2, 7.4)]
     assert limits[0] == 0 and limits[1] > limits[2] > 0
 
@@ -373,14 +373,14 @@ def test_a_keep_out_mask_leaves_foot_and_top_of_a_ramp_open(tmp_path):
         (3.5, 2.7), (4.5, 2.7), (5.5, 2.7), (5.5, 1.0), (5.0, 2.0))] == [255, 255, 255, 0, 0]
 
 
-def test_a_start_close_to_a_wall_is_not_called_separated_from_the_goal(flat):
-    # In a corner, towards one wall and with the back to the other.
+def test_a_start_close_to_a_wall_is_not_reported_as_separated_from_the_goal(flat):
+    # The ball is in a corner, with one wall in front and the other behind.
     with pytest.raises(RefusedError) as caught:
         flat.route((3.673, 4.423, -0.831), (1.98, 3.54))
     assert caught.value.reason == 'no_route' and 'turn' in str(caught.value)
 
 
-def test_the_distance_kept_from_a_step_follows_its_measured_height(tmp_path):
+def test_the_distance_kept_from_a_step_depends_on_its_measured_height(tmp_path):
     planner = planner_of(tmp_path, ['{kind: step, line: [[2.0, 4.0], [2.0, 0.0]], height: 0.05}'])
     beside = (1.84, 2.0)
     with pytest.raises(RefusedError) as caught:
@@ -393,7 +393,7 @@ def test_the_distance_kept_from_a_step_follows_its_measured_height(tmp_path):
 @pytest.mark.parametrize('learned', [
     Learned(), Learned(heights=((0, 0.012),)), Learned(obstacles=((2.9, 5.6),)),
     Learned(obstacles=((7.4, 1.2), (0.4, 6.5))), Learned().with_outcome(1, 1, 0.5, False)])
-def test_routes_after_other_learned_data_are_those_of_a_new_planner(learned, flat):
+def test_routes_do_not_depend_on_earlier_learned_data(learned, flat):
     def times(planner):
         return [planner.route(KITCHEN, goal).time for goal in (STUDY, BEDROOM)]
     flat.learn(Learned(heights=((1, 0.011),), obstacles=((6.5, 3.4), (3.2, 1.1))))
@@ -404,7 +404,7 @@ def test_routes_after_other_learned_data_are_those_of_a_new_planner(learned, fla
         flat.learn(Learned())
 
 
-def test_a_crossing_that_cannot_be_more_probable_is_not_computed(tmp_path, monkeypatch):
+def test_descents_are_computed_for_the_shortest_run_up_only(tmp_path, monkeypatch):
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     computed, search = [], Capability._search
     monkeypatch.setattr(Capability, '_search', lambda *arguments: (
@@ -414,7 +414,7 @@ def test_a_crossing_that_cannot_be_more_probable_is_not_computed(tmp_path, monke
     assert {item[3] for item in descents} == {RUN_UPS[0]}
 
 
-def test_an_obstacle_behind_a_step_limits_the_room_of_its_crossing(tmp_path):
+def test_an_obstacle_behind_a_step_limits_the_room_for_its_crossing(tmp_path):
     planner = planner_of(tmp_path, [
         '{kind: step, line: [[2.0, 2.0], [2.0, 0.0]], height: 0.046}'], (5, 2))
     start, goal = (0.7, 1.0, 0.0), (2.45, 1.0)
@@ -426,7 +426,7 @@ def test_an_obstacle_behind_a_step_limits_the_room_of_its_crossing(tmp_path):
 
 
 @pytest.mark.parametrize('heading', [0.0, 0.5])
-def test_the_way_out_beside_an_obstacle_does_not_come_nearer_to_it(flat, heading):
+def test_a_route_that_starts_at_an_obstacle_does_not_come_closer_to_it(flat, heading):
     here = 1.75, 1.4
     obstacle, goal = ((here[0] + ahead * math.cos(heading), here[1] + ahead * math.sin(heading))
                       for ahead in (flat.ball_radius + CLEARANCE, 1.0))
@@ -437,7 +437,7 @@ def test_the_way_out_beside_an_obstacle_does_not_come_nearer_to_it(flat, heading
         flat.learn(Learned())
 
 
-def test_the_way_out_of_a_place_near_a_wall_leads_along_the_heading_and_away_from_it(flat):
+def test_a_route_that_starts_near_a_wall_follows_the_heading_and_does_not_approach_it(flat):
     turned = []
     for heading in np.arange(-math.pi, math.pi, 0.2):
         for place in ((0.32, 1.4), (0.6, 2.5)):
@@ -446,7 +446,7 @@ def test_the_way_out_of_a_place_near_a_wall_leads_along_the_heading_and_away_fro
                 (x0, y0), (x1, y1) = first.points[:2]
                 course = math.atan2(y1 - y0, x1 - x0) + (math.pi if first.direction < 0 else 0.0)
                 turned.append(abs(math.remainder(course - heading, 2.0 * math.pi)))
-                # Half a cell of the map is its accuracy.
+                # The accuracy of the map is half a cell.
                 assert min(map(flat.clearance, first.points)) \
                     > min(flat.clearance(place), CLEARANCE) - 0.026
     assert len(turned) > 30
@@ -455,16 +455,16 @@ def test_the_way_out_of_a_place_near_a_wall_leads_along_the_heading_and_away_fro
 
 @pytest.mark.parametrize('degrees', [3.0, -3.0, 177.0, -177.0])
 @pytest.mark.parametrize('goal', [(0.6, 1.5), (2.5, 1.5)])
-def test_a_route_from_a_wall_that_the_ball_touches_begins_away_from_it(flat, goal, degrees):
+def test_a_route_from_contact_with_a_wall_starts_away_from_it(flat, goal, degrees):
     pose = 1.5, 0.05 + flat.ball_radius, math.radians(degrees)
     first = flat.route(pose, goal).segments[0]
-    # Forward where the heading points away from the wall below the ball.
+    # The route starts forward if the heading points away from the wall.
     assert first.direction == math.copysign(1, degrees)
     assert first.direction * (first.points[-1][0] - pose[0]) * math.cos(pose[2]) > 0.0
 
 
-def test_the_way_out_of_a_narrow_place_begins_there_and_passes_no_edge(flat):
-    here = (2.45, 3.71, math.radians(-9.6))  # nearer to the wall than a route may lead
+def test_a_route_out_of_a_narrow_passage_starts_at_the_ball_and_crosses_no_edge(flat):
+    here = (2.45, 3.71, math.radians(-9.6))  # closer to the wall than a route may be
     route = flat.route(here, (5.5, 5.5))
     assert math.dist(route.segments[0].points[0], here[:2]) < 0.1
     free = [segment.points for segment in route.segments if segment.feature is None]
@@ -476,7 +476,7 @@ def test_the_way_out_of_a_narrow_place_begins_there_and_passes_no_edge(flat):
 
 
 @pytest.mark.slow
-def test_a_route_refused_only_by_the_product_of_probabilities_has_a_reason_of_its_own(tmp_path):
+def test_a_route_refused_for_its_product_of_probabilities_has_a_reason_of_its_own(tmp_path):
     # Between the steps there is room for one metre of run-up.
     steps = (3.0, 4.6, 6.2, 7.8, 9.4)
     planner = planner_of(tmp_path, [
@@ -496,7 +496,7 @@ def test_a_curve_of_another_robot_is_refused():
     assert (caught.value.reason, caught.value.field) == ('inconsistent', 'curve')
 
 
-# A platform of 100 mm, and a ramp to it that begins at some x.
+# A platform of 100 mm, and a ramp to it that starts at a given x.
 PLATFORM = ('{kind: level, name: platform, polygon: [[5.5, 0], [9, 0], [9, 5], [5.5, 5]], '
             'height: 0.1}')
 RAMP = ('{{kind: ramp, name: ramp, polygon: [[{0}, 2], [5.5, 2], [5.5, 3.4], [{0}, 3.4]], '
@@ -504,7 +504,7 @@ RAMP = ('{{kind: ramp, name: ramp, polygon: [[{0}, 2], [5.5, 2], [5.5, 3.4], [{0
 
 
 def heights_along(planner, route):
-    """Return the highest face that the centre passes on a route [m]."""
+    """Return the height of the highest face on a route [m]."""
     heights = []
     for segment in route.segments:
         for one, two in zip(segment.points, segment.points[1:]):
@@ -542,13 +542,13 @@ def test_the_outline_of_a_level_along_a_wall_is_ignored(tmp_path):
         planner = planner_of(tmp_path, [level], (8, 4), '[[[4, 0], [4, 1.5]], [[4, 2.5], [4, 4]]]')
         planner.check_place((x, 0.4), 'goal')
         planner.check_place((0.4, 2.0), 'goal')
-        planner.check_place((3.6, 0.5), 'goal')  # beside the wall between the rooms
+        planner.check_place((3.6, 0.5), 'goal')  # at the wall between the rooms
         with pytest.raises(RefusedError):
-            planner.check_place((3.6, 2.0), 'goal')  # above the door
+            planner.check_place((3.6, 2.0), 'goal')  # at the upper side of the door
 
 
 def test_a_measured_height_is_more_certain_than_the_one_of_the_map(tmp_path):
-    """The map has 40 +- 20 mm, and nothing that high is crossed before so little room."""
+    """The map has 40 +- 20 mm, which is too uncertain for the available run-up."""
     step = '{kind: step, name: door, line: [[2.5, 4], [2.5, 0]], height: 0.04, height_sd: 0.02}'
     planner = planner_of(tmp_path, [step], (4, 4))
     ends = (0.8, 2.0, 0.0), (3.5, 2.0)
@@ -559,7 +559,7 @@ def test_a_measured_height_is_more_certain_than_the_one_of_the_map(tmp_path):
 
 
 def test_a_refusal_names_the_run_up_and_the_room_of_one_place(tmp_path):
-    """On the left there is more run-up and no room behind, on the right less and some."""
+    """The left has more run-up and no room behind, the right less run-up and some room."""
     bar = '{kind: threshold, name: bar, line: [[3, 2.4], [1, 2.4]], height: 0.025, width: 0.05}'
     lines = '[[[1, 2.3], [1, 2.7]], [[3, 0.6], [3, 2.7]], [[1, 2.75], [2, 2.75]], ' \
         '[[2, 0.6], [3, 0.6]], [[2, 3.55], [4, 3.55]], [[2, 2.75], [2, 3.55]]]'
@@ -586,10 +586,10 @@ def test_the_upper_side_of_a_high_step_is_a_drop_and_the_lower_side_is_not(featu
         assert planner.clearance((beside, 2.0)) < 0.0
     route = planner.route((2.65, 0.7, 0.5 * math.pi), (2.65, 3.3))
     assert min(x for x, _ in route.points) > 2.0 + planner.drop_distance
-    # A ball that stands nearer to the edge leads away from it.
+    # The route of a ball that starts closer to the edge leads away from it.
     leaving = planner.route((2.4, 0.7, 0.5 * math.pi), (2.65, 3.3))
     assert np.diff([x for x, _ in leaving.points]).min() > -1e-6
-    # From above it is a drop for Nav2 as well, and none where a crossing leads down.
+    # The upper side is also a drop for Nav2, except where a crossing leads down.
     masks = {}
     for height in ('0.06', '0.04'):
         write_masks(planner_of(tmp_path, [feature.replace('0.06', height)]), tmp_path)
@@ -598,16 +598,16 @@ def test_the_upper_side_of_a_high_step_is_a_drop_and_the_lower_side_is_not(featu
     assert masks == {'0.06': [255, 0, 255], '0.04': [255, 255, 255]}
 
 
-def test_a_step_beside_a_ramp_is_crossed_nowhere_on_the_ramp(tmp_path):
-    """The step is 30 mm, and half of the door has a ramp; the step needs a run-up."""
+def test_a_step_beside_a_ramp_is_not_crossed_on_the_ramp(tmp_path):
+    """A ramp covers half of a step of 30 mm in a door; the step requires a run-up."""
     step = '{kind: step, name: door step, line: [[5.5, 3.4], [5.5, 1.4]], height: 0.03}'
     ramp = RAMP.format(4.0).replace('0.1', '0.03').replace('[4.0, 2]', '[4.0, 2.4]').replace(
         '[5.5, 2]', '[5.5, 2.4]')
     planner = planner_of(tmp_path, [step, ramp], (9, 5),
                          '[[[5.5, 0], [5.5, 1.4]], [[5.5, 3.4], [5.5, 5]]]')
-    (begin, end), = (edge.line for edge in planner.boundaries[0])
-    # The wall beside the door reaches half its thickness into it.
-    assert begin == (5.5, 2.4) and end == pytest.approx((5.5, 1.45))
+    (start, end), = (edge.line for edge in planner.boundaries[0])
+    # The wall beside the door extends into it by half its thickness.
+    assert start == (5.5, 2.4) and end == pytest.approx((5.5, 1.45))
     for route in (planner.route((1.5, 2.9), (7.5, 2.9)), planner.route((7.5, 2.9), (1.5, 2.9))):
         assert [segment.feature for segment in route.segments] == [None]
 
@@ -628,8 +628,8 @@ def test_a_goal_may_be_on_a_ramp(tmp_path):
     assert planner.route((4.5, 2.7), (1.5, 1.0)).segments
 
 
-def test_no_run_up_begins_on_a_ramp(tmp_path):
-    """The capability of crossings is that of level floor."""
+def test_no_run_up_starts_on_a_ramp(tmp_path):
+    """The capability of crossings applies to level floor."""
     features = [PLATFORM, RAMP.format(3.5),
                 '{kind: step, name: stage, line: [[6.2, 5], [6.2, 0]], height: 0.03}']
     planner = planner_of(tmp_path, features, (9, 5))

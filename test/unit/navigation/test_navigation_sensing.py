@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faces in one look at the ground ahead."""
+"""Faces in a single observation of the ground ahead."""
 import math
 
 import numpy as np
@@ -9,8 +9,8 @@ from ballbot_ros.decision import TerrainObservation
 from ballbot_ros.navigation.sensing import faces_in
 
 
-def look(slope_deg, step=0.0, sd=0.0, seed=0):
-    """Return a look along a ramp from 0.5 m on, with a step at 1.5 m."""
+def scan(slope_deg, step=0.0, sd=0.0, seed=0):
+    """Return an observation of a ramp that starts at 0.5 m, with a step at 1.5 m."""
     x = np.arange(0.0, 3.0, 0.02)
     z = math.tan(math.radians(slope_deg)) * np.maximum(x - 0.5, 0.0) + np.where(x < 1.5, 0.0, step)
     z = z + sd * np.random.default_rng(seed).standard_normal(len(x))
@@ -21,8 +21,8 @@ def look(slope_deg, step=0.0, sd=0.0, seed=0):
 @pytest.mark.parametrize('sd', [0.0, 0.001])
 def test_only_the_step_on_a_ramp_is_a_face(slope_deg, sd):
     for seed in range(5):
-        assert faces_in(look(slope_deg, sd=sd, seed=seed)) == ()
-        (at, height), = faces_in(look(slope_deg, 0.02, sd, seed))
+        assert faces_in(scan(slope_deg, sd=sd, seed=seed)) == ()
+        (at, height), = faces_in(scan(slope_deg, 0.02, sd, seed))
         assert at == pytest.approx(1.5, abs=0.03) and height == pytest.approx(0.02, abs=0.004)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Balls that touch any ground, and what is there: for the tests of the contact."""
+"""Random terrains and balls in contact with them, for the contact tests."""
 from hypothesis import assume, strategies
 import numpy as np
 
@@ -13,7 +13,7 @@ PARAMETERS = Parameters.of(BOT, ContactOptions())
 
 
 def rows_at(terrain, x, y, robot=BOT):
-    """Return the contacts of a ball, a row each, without the numbers of their features."""
+    """Return the contacts of a ball, one per row, without their feature indices."""
     ground = terrain.profile(robot.surface_friction, robot.edge_friction)
     table = contact.contact_table(len(ground))
     count = contact.find_contacts(x, y, robot.ball_radius, ground, table)
@@ -22,7 +22,7 @@ def rows_at(terrain, x, y, robot=BOT):
 
 def loads_at(terrain, x, y, velocity_x=0.0, velocity_y=0.0, ball_rate=0.0, robot=BOT,
              options=ContactOptions()):
-    """Return what the contacts do: force, torque, and the two powers lost."""
+    """Return the total contact force, the torque, and the two dissipated powers."""
     ground = terrain.profile(robot.surface_friction, robot.edge_friction)
     state = State(x=x, y=y, velocity_x=velocity_x, velocity_y=velocity_y, ball_rate=ball_rate)
     return np.array(contact.contact_loads(
@@ -38,7 +38,7 @@ def energy_at(terrain, x, y):
 
 
 def touching_height(terrain, x):
-    """Return the height at which a ball above `x` first touches."""
+    """Return the height of the centre at which a ball lowered at `x` first touches."""
     low = float(terrain.height(x))
     high = float(terrain.vertices[:, 1].max()) + abs(low) + 3.0 * RADIUS
     for _ in range(60):
@@ -54,7 +54,7 @@ strides = strategies.tuples(
 
 @strategies.composite
 def terrains(draw):
-    """Return a ground of up to eight segments, faces among them."""
+    """Return a terrain of up to eight segments, some of them vertical faces."""
     inner = draw(strategies.lists(strides, min_size=0, max_size=6))
     ends = [draw(strategies.tuples(strategies.just(1.0), strategies.floats(-0.3, 0.3)))
             for _ in range(2)]
@@ -64,7 +64,7 @@ def terrains(draw):
 
 @strategies.composite
 def touching(draw):
-    """Return a ground, and the centre of a ball pressed up to 8 mm into it."""
+    """Return a terrain and the centre of a ball pressed up to 8 mm into it."""
     terrain = draw(terrains())
     x = draw(strategies.floats(-0.4, 1.0))
     y = touching_height(terrain, x) - draw(strategies.floats(1e-5, 8e-3))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Accuracy as an input: the promise, its honesty, and its price."""
+"""Accuracy as an input: the error bound, its estimate, and its cost."""
 from dataclasses import replace
 from pathlib import Path
 import sys
@@ -12,13 +12,13 @@ from ballbot_ros.config.files import config_folder
 from ballbot_ros.physics import (
     Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
 
-# The generator of random scenes that bench/accuracy.py measures the promise with.
+# bench/accuracy.py measures the error bound with the same generator of random scenes.
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'bench'))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('accuracy', [1e-3, 1e-6])
-def test_random_scenes_keep_the_accuracy_that_was_asked_for(accuracy):
+def test_random_scenes_keep_the_requested_accuracy(accuracy):
     from random_scenes import DURATION, random_scene
     for seed in range(60):
         model, start, actuation = random_scene(seed)
@@ -29,7 +29,7 @@ def test_random_scenes_keep_the_accuracy_that_was_asked_for(accuracy):
         assert np.max(gap) <= accuracy, f'seed {seed}'
 
 
-def test_the_estimate_is_of_the_coarser_run_and_so_on_the_safe_side():
+def test_the_error_estimate_exceeds_the_actual_error():
     scene = load_scene('fig7_bottom')
     exact = replace(scene, run=replace(scene.run, accuracy=1e-9)).simulate()
     found = replace(scene, run=replace(scene.run, accuracy=1e-5)).simulate()
@@ -46,7 +46,7 @@ def test_a_looser_accuracy_costs_less():
 
 @pytest.mark.parametrize('name', sorted(path.stem for path in (config_folder() / 'scenes').glob(
     '*.yaml')))
-def test_the_solver_of_each_shipped_scene_is_right_to_thirty_micrometres(name):
+def test_the_solver_of_each_shipped_scene_is_accurate_to_thirty_micrometres(name):
     scene = load_scene(name)
     found = scene.simulate()
     exact = replace(scene, run=replace(scene.run, accuracy=1e-7)).simulate()
@@ -54,7 +54,7 @@ def test_the_solver_of_each_shipped_scene_is_right_to_thirty_micrometres(name):
     assert np.hypot(found['x'] - exact['x'], found['y'] - exact['y']).max() < 3e-5
 
 
-def test_a_solver_that_is_given_takes_the_place_of_an_accuracy_too(tmp_path):
+def test_an_explicit_solver_replaces_the_accuracy_of_a_scene(tmp_path):
     path = tmp_path / 'mine.yaml'
     path.write_text('robot: gimball\ninitial: {speed: 0.5}\nduration: 0.1\naccuracy: 1.0e-5\n')
     assert load_scene(str(path)).simulate().assurance is not None
@@ -62,8 +62,8 @@ def test_a_solver_that_is_given_takes_the_place_of_an_accuracy_too(tmp_path):
     assert run.assurance is None and run.effort.steps == 100
 
 
-def test_chaotic_motion_is_said_to_be_so_with_a_horizon_that_holds():
-    # A ball without losses hops on a saw: errors grow with each bounce.
+def test_chaotic_motion_is_reported_with_a_valid_horizon():
+    # A lossless ball bounces on a sawtooth profile: errors grow with each bounce.
     saw = [[0.1 * i, 0.03 * (i % 2)] for i in range(-100, 101)]
     robot = replace(load_robot('shellball'), contact_damping=0.0, rolling_friction=0.0,
                     surface_friction=0.0, edge_friction=0.0)
@@ -77,14 +77,14 @@ def test_chaotic_motion_is_said_to_be_so_with_a_horizon_that_holds():
 
 
 @pytest.mark.parametrize('accuracy', [0.0, -1e-3, 1e-12, 1.0, float('nan')])
-def test_an_accuracy_that_cannot_be_had_is_refused_with_the_range(accuracy):
+def test_an_accuracy_out_of_range_is_refused(accuracy):
     scene = load_scene('fig7_top')
     with refused('out_of_range', 'accuracy'):
         simulate(scene.model, scene.start, scene.actuation, 0.1, accuracy=accuracy)
 
 
 @pytest.mark.parametrize('run', [0, 1])
-def test_an_interruption_ends_a_run_to_an_accuracy_with_what_there_is(run):
+def test_an_interrupted_run_with_an_accuracy_returns_the_samples_so_far(run):
     scene, ended = load_scene('household'), []
 
     def stop(elapsed):
@@ -96,6 +96,6 @@ def test_an_interruption_ends_a_run_to_an_accuracy_with_what_there_is(run):
     assert (found.assurance is None) == (run == 0)
 
 
-def test_an_accuracy_is_the_default_and_a_solver_goes_without():
+def test_an_accuracy_applies_by_default_but_not_with_an_explicit_solver():
     assert load_scene('flat').simulate(0.1).assurance.accuracy == 1e-5
     assert load_scene('flat', solver=Solver('rk4')).simulate(0.1).assurance is None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The adaptive method: exact where the contact law has kinks, and cheap in between."""
+"""The adaptive method: accurate at the kinks of the contact law and cheap between them."""
 from dataclasses import replace
 
 from hypothesis import given, strategies as some
@@ -36,13 +36,13 @@ def test_a_scene_ends_where_ten_times_finer_fixed_steps_end(name):
     scene = load_scene(name)
     fixed = replace(scene, model=replace(scene.model, solver=Solver('rk4', 1e-5))).simulate()
     found = with_tolerance(scene, 1e-10).simulate()
-    # What is left is the first-order error of the fixed steps through the kinks.
+    # The remaining difference is the first-order error of the fixed steps at the kinks.
     assert found['x'][-1] == pytest.approx(fixed['x'][-1], abs=2e-5)
     assert found['time'] == pytest.approx(fixed['time'], abs=1e-12)
 
 
 @pytest.mark.parametrize('name', MOVING)
-def test_the_energy_ledger_closes_to_a_ten_millionth(name):
+def test_the_relative_energy_balance_error_is_below_one_in_ten_million(name):
     run = with_tolerance(load_scene(name), 1e-10).simulate()
     assert np.max(np.abs(run.energy_residual)) < 1e-7 * run.energy_in_play
 
@@ -56,7 +56,7 @@ def test_a_smaller_tolerance_gives_a_smaller_error(name):
     assert errors[1] < 1e-8 and errors[1] < 0.1 * errors[0]
 
 
-def test_it_keeps_the_energy_of_a_ball_that_bounces_without_loss():
+def test_energy_is_conserved_when_a_ball_bounces_without_loss():
     robot = replace(load_robot('shellball'), contact_damping=0.0, rolling_friction=0.0)
     model = Model(robot, Terrain.flat(), solver=Solver('adaptive', tolerance=1e-12))
     start = State(x=0.0, y=0.5)
@@ -67,7 +67,7 @@ def test_it_keeps_the_energy_of_a_ball_that_bounces_without_loss():
     assert np.max(np.abs(total - total[0])) < 1e-7 * run.energy_in_play
 
 
-def test_a_second_of_crossing_takes_far_fewer_evaluations_than_fixed_steps():
+def test_a_crossing_takes_far_fewer_evaluations_than_with_fixed_steps():
     scene = load_scene('fig7_top')
     found, fixed = with_tolerance(scene, 1e-8).simulate(), load_scene(
         'fig7_top', solver=Solver('rk4')).simulate()
@@ -75,14 +75,14 @@ def test_a_second_of_crossing_takes_far_fewer_evaluations_than_fixed_steps():
     assert found.effort.evaluations < 0.1 * fixed.effort.evaluations
 
 
-def test_times_in_between_do_not_change_the_run():
+def test_the_output_step_does_not_change_the_run():
     scene = with_tolerance(load_scene('fig7_top'), 1e-10)
     coarse = replace(scene, run=replace(scene.run, output_step=0.1)).simulate()
     assert coarse['x'] == pytest.approx(scene.simulate()['x'][::100], abs=1e-9)
 
 
 @pytest.mark.parametrize('name, method', pairs(['fig7_top', 'shellball_drop'], METHODS))
-def test_how_often_progress_is_reported_does_not_change_the_run(name, method, monkeypatch):
+def test_the_interval_of_progress_reports_does_not_change_the_run(name, method, monkeypatch):
     scene = load_scene(name)
     solver = Solver(method, 1e-3 if method == 'trapezoidal' else 1e-4, 1e-7)
     model, runs = replace(scene.model, solver=solver), []
@@ -119,7 +119,7 @@ options = some.builds(
 
 @pytest.mark.slow
 @given(states, options, some.booleans())
-def test_the_formulas_of_a_mode_are_the_law_itself_inside_the_mode(state, choice, held):
+def test_the_formulas_of_a_mode_equal_the_contact_law_inside_the_mode(state, choice, held):
     model = Model(load_robot('gimball'), ROUGH, choice)
     actuation = replace(held_at(0.3), torque_limit=5.0) if held else Actuation()
     system = System(model.parameters, model.profile, actuation.actuator(model.robot))
@@ -133,9 +133,9 @@ def test_the_formulas_of_a_mode_are_the_law_itself_inside_the_mode(state, choice
         state.x, state.y, model.robot.ball_radius, model.profile, table)
     assert formulas == pytest.approx(law, rel=1e-9, abs=1e-9)
     if modes.smooth_contacts(mode):
-        # What steps are made of is written once more, to be quick.
-        for apart in (0.0, 0.3, -2.0):  # from a pendulum angle whose direction is known
-            start = angle_trig(state.pendulum_angle + apart)
+        # The integrators use a second, faster implementation of the accelerations.
+        for offset in (0.0, 0.3, -2.0):  # of the pendulum angle whose sine and cosine are known
+            start = angle_trig(state.pendulum_angle + offset)
             quick = modes.mode_accelerations(0.0, vector, start, system, mode)
             assert quick == pytest.approx(law[4:8], rel=1e-9, abs=1e-9)
 
@@ -156,7 +156,7 @@ def call_sum(work, factors, count):
     values.sum_rows(work, values.END, values.START, 0.5, factors, 1, values.STAGES, count)
 
 
-def test_sums_of_rows_are_sums_of_rows():
+def test_sum_rows_adds_the_weighted_stages_to_the_start():
     draw = np.random.default_rng(7)
     work, factors = draw.normal(size=values.ROWS), draw.normal(size=8)
     stages = work[values.STAGES:values.DENSE].reshape(8, values.WIDTH)[:, :8]

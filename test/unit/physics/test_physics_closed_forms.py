@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motions that have a formula come out as the formula says."""
+"""Simulated motions agree with their closed-form solutions."""
 from dataclasses import replace
 import math
 
@@ -17,7 +17,7 @@ FREE = Actuation()
 
 
 def crossings(time, values):
-    """Return the times at which `values` rises through zero, by cubic interpolation."""
+    """Return the times of the upward zero crossings of `values`, by cubic interpolation."""
     found = []
     for index in np.flatnonzero((values[:-1] < 0.0) & (values[1:] >= 0.0)):
         part = slice(max(index - 1, 0), index + 3)
@@ -35,7 +35,7 @@ def rolling_radius(robot):
 
 @pytest.mark.parametrize('amplitude_deg', [1.0, 30.0, 90.0, 150.0, 175.0])
 def test_period_of_the_pendulum_about_a_fixed_pivot(amplitude_deg):
-    # A ball far heavier than its pendulum stands still.
+    # A ball far heavier than its pendulum does not move.
     heavy = replace(GIMBALL, ball_mass=1e9, ball_inertia=1e9, contact_stiffness=1e12,
                     contact_damping=1e10, joint_friction=0.0, rolling_friction=0.0)
     model = Model(heavy, Terrain.flat())
@@ -51,8 +51,8 @@ def test_period_of_the_pendulum_about_a_fixed_pivot(amplitude_deg):
 
 
 def test_frequency_of_small_oscillations_of_a_rolling_ball():
-    # Rolling without slip: two degrees of freedom, one of which is a free translation.  Much
-    # friction, or the creep of eq. (9) is felt.
+    # Rolling without slip: two degrees of freedom, one of which is a free translation.  The
+    # friction is high so that the creep of eq. (9) is negligible.
     robot = replace(GIMBALL, joint_friction=0.0, rolling_friction=0.0, surface_friction=5.0)
     model = Model(robot, Terrain.flat())
     run = simulate(model, model.at_rest(0.0, 0.0, -1e-3), FREE, 8.0)
@@ -63,15 +63,15 @@ def test_frequency_of_small_oscillations_of_a_rolling_ball():
     rising = crossings(run['time'], run['pendulum_angle'])
     assert len(rising) > 5
     assert np.diff(rising) == pytest.approx(2.0 * math.pi / frequency, rel=1e-5)
-    # The ball moves against the pendulum, as the momentum of both is kept.
-    share = np.polyfit(run['pendulum_rate'], run['velocity_x'], 1)[0]
-    assert share == pytest.approx(-moment / moved, rel=1e-3)
+    # The ball moves against the pendulum because their total momentum is conserved.
+    ratio = np.polyfit(run['pendulum_rate'], run['velocity_x'], 1)[0]
+    assert ratio == pytest.approx(-moment / moved, rel=1e-3)
 
 
 # In the air -------------------------------------------------------------------------------
 
 def flight(robot, pendulum_rate=5.0, **changes):
-    """Return a second of flight, high above the ground."""
+    """Return the robot and a run of one second of flight, high above the ground."""
     robot = replace(robot, **changes)
     start = State(y=50.0, velocity_x=1.3, velocity_y=2.0, ball_rate=-7.0, pendulum_angle=0.4,
                   pendulum_rate=pendulum_rate if robot.has_pendulum else 0.0)
@@ -104,7 +104,7 @@ def test_all_rates_are_constant_in_flight_without_friction():
     np.testing.assert_allclose(run['pendulum_rate'], 5.0, atol=1e-12)
 
 
-def test_friction_alone_turns_ball_and_pendulum_in_flight():
+def test_only_friction_changes_the_rates_of_ball_and_pendulum_in_flight():
     robot, run = flight(GIMBALL)
     swing = robot.pendulum_inertia + (robot.pendulum_mass * robot.pendulum_length**2
                                       * robot.ball_mass / robot.total_mass)
@@ -119,18 +119,18 @@ def test_friction_alone_turns_ball_and_pendulum_in_flight():
 # Against the ground -----------------------------------------------------------------------
 
 def bounce(pulling, step=2e-6):
-    """Return exit speed over entry speed, and the time in contact, without gravity."""
+    """Return exit speed over entry speed and the contact time [s], without gravity."""
     robot = replace(SHELLBALL, gravity=0.0)
     model = Model(robot, Terrain.flat(), ContactOptions(pulling=pulling), Solver(step=step))
     start = State(y=robot.ball_radius, velocity_y=-1.0)
     run = simulate(model, start, FREE, 0.02, step)
-    # Out: the force has ended; where it may pull, the ball has left the ground.
+    # Contact ends when the force does; if the damper may pull, when the ball leaves the ground.
     force = run['surface_normal_force']
     inside = run['penetration'] > 0.0 if pulling else force > 0.0
     return run['velocity_y'][-1], step * np.count_nonzero(inside)
 
 
-def test_restitution_and_contact_time_where_the_damper_may_pull():
+def test_restitution_and_contact_time_if_the_damper_may_pull():
     zeta = SHELLBALL.damping_ratio
     natural = math.sqrt(SHELLBALL.contact_stiffness / SHELLBALL.ball_mass)
     ratio, duration = bounce(pulling=True)
@@ -141,9 +141,9 @@ def test_restitution_and_contact_time_where_the_damper_may_pull():
         math.pi / (natural * math.sqrt(1.0 - zeta**2)), rel=1e-3)
 
 
-def test_restitution_and_contact_time_where_it_may_not():
-    # The force ends where the acceleration does, 2 asin(zeta) of phase before the end of the
-    # half wave: that much less is lost, and the ball leaves while it is still dented.
+def test_restitution_and_contact_time_if_the_damper_may_not_pull():
+    # The force reaches zero 2 asin(zeta) of phase before the end of the half wave: the damper
+    # dissipates less, and the ball separates while its shell is still deformed.
     zeta = SHELLBALL.damping_ratio
     natural = math.sqrt(SHELLBALL.contact_stiffness / SHELLBALL.ball_mass)
     phase = math.pi - 2.0 * math.asin(zeta)
@@ -155,13 +155,13 @@ def test_restitution_and_contact_time_where_it_may_not():
     assert ratio > SHELLBALL.restitution * 1.01
 
 
-def test_weight_presses_the_ball_in_by_mg_over_k(robot):
+def test_the_static_penetration_is_the_weight_over_the_stiffness(robot):
     model = Model(robot, Terrain.flat())
     depth = robot.total_mass * 9.81 / robot.contact_stiffness
     assert robot.static_penetration == pytest.approx(depth, rel=1e-14)
     start = model.at_rest(0.3)
     assert start.y == pytest.approx(robot.ball_radius - depth, abs=1e-15)
-    # From above it falls and settles there.
+    # A ball released above this height settles there.
     run = simulate(model, start._replace(y=start.y + 0.01), FREE, 4.0, accuracy=1e-8)
     assert run['penetration'][-1] == pytest.approx(depth, rel=1e-6)
     assert run['contact_force_y'][-1] == pytest.approx(robot.weight, rel=1e-6)
@@ -173,7 +173,7 @@ def test_sliding_turns_into_rolling():
     speed, radius = 1.5, rolling_radius(robot)
     run = simulate(model, model.at_rest(0.0)._replace(velocity_x=speed), FREE, 1.0, 1e-4)
     ratio = robot.ball_inertia / (robot.ball_mass * radius**2)  # kappa
-    # Full friction holds until the slip is down to the threshold; then it fades away.
+    # Full friction acts until the slip falls to the threshold; then the slip decays.
     slip = run['slip_velocity']
     sliding = slip > robot.slip_threshold
     closing = robot.surface_friction * robot.gravity * (1.0 + 1.0 / ratio)
@@ -185,13 +185,13 @@ def test_sliding_turns_into_rolling():
     after = np.flatnonzero(~sliding)[0] + 200
     assert slip[after] == pytest.approx(slip[after - 200] * math.exp(
         -closing / robot.slip_threshold * 0.02), rel=1e-2)
-    # The angular momentum about the floor is kept throughout.
+    # The angular momentum about the contact point is conserved.
     assert run['velocity_x'][-1] == pytest.approx(speed / (1.0 + ratio), rel=1e-9)
     assert run['ball_rate'][-1] * radius == pytest.approx(-run['velocity_x'][-1], rel=1e-9)
 
 
 def test_rolling_resistance_slows_a_free_ball_through_the_creep_of_its_contact():
-    # Below the threshold friction is viscous, b = mu M g / threshold, and all is linear.
+    # Below the threshold friction is viscous, b = mu M g / threshold, so the system is linear.
     robot, radius = SHELLBALL, rolling_radius(SHELLBALL)
     model = Model(robot, Terrain.flat())
     run = simulate(model, model.at_rest(0.0, 1.0), FREE, 3.0)
@@ -205,7 +205,7 @@ def test_rolling_resistance_slows_a_free_ball_through_the_creep_of_its_contact()
         expm(matrix * time) @ [1.0, -1.0 / radius] for time in run['time'][::50]])
     np.testing.assert_allclose(run['velocity_x'][::50], expected[:, 0], rtol=1e-9)
     np.testing.assert_allclose(run['ball_rate'][::50], expected[:, 1], rtol=1e-9)
-    # In the end that is rolling with a time constant of (M R^2 + J) / c1.
+    # The slow mode is rolling with a time constant of (M R^2 + J) / c1.
     tail = np.polyfit(run['time'][500:], np.log(run['velocity_x'][500:]), 1)[0]
     assert tail == pytest.approx(-resistance / (mass * radius**2 + inertia), rel=1e-3)
 
@@ -226,15 +226,15 @@ def test_acceleration_and_creep_down_a_slope(angle_deg):
     acceleration = -robot.gravity * math.sin(angle) / (1.0 + ratio)
     slope, _ = np.polyfit(run['time'][settled], along[settled], 1)
     assert slope == pytest.approx(acceleration, rel=1e-8)
-    # Friction turns the ball, so by eq. (9) it slips a little, always by the same amount.
+    # Friction accelerates the rotation, so by eq. (9) the ball slips at a small constant speed.
     friction = robot.ball_mass * acceleration * ratio
     np.testing.assert_allclose(
         run['slip_velocity'][settled],
         robot.slip_threshold * friction / (robot.surface_friction * pressed), rtol=1e-6)
 
 
-def test_a_ball_that_slips_down_a_steep_slope_accelerates_as_a_sliding_one():
-    # Steeper than tan(angle) = mu (1 + 1/kappa) friction cannot keep the ball rolling.
+def test_a_ball_on_a_steep_slope_accelerates_like_a_sliding_body():
+    # On slopes steeper than tan(angle) = mu (1 + 1/kappa), friction cannot prevent slip.
     robot = replace(SHELLBALL, rolling_friction=0.0)
     ratio = robot.ball_inertia / (robot.ball_mass * robot.ball_radius**2)
     limit = math.atan(robot.surface_friction * (1.0 + 1.0 / ratio))
@@ -249,7 +249,7 @@ def test_a_ball_that_slips_down_a_steep_slope_accelerates_as_a_sliding_one():
 
 
 @pytest.mark.parametrize('share, climbs', [(0.9, True), (0.97, True), (1.03, False), (1.1, False)])
-def test_level_pendulum_climbs_up_to_the_slope_limit_and_no_further(share, climbs):
+def test_a_level_pendulum_climbs_slopes_below_the_slope_limit_only(share, climbs):
     moment = GIMBALL.pendulum_mass * GIMBALL.pendulum_length
     limit = math.asin(moment / (GIMBALL.total_mass * GIMBALL.ball_radius))
     assert GIMBALL.slope_limit == pytest.approx(limit, rel=1e-14)
@@ -269,7 +269,7 @@ def test_stall_torque_of_the_motor():
     model = Model(GIMBALL, Terrain.flat())
     drive = Actuation('voltage', voltage=6.0).actuator(GIMBALL)
     assert model.torque(State(), drive) == pytest.approx(stall, rel=1e-14)
-    # At full voltage the gear carries less than the motor gives.
+    # At full voltage the torque limit of the gear is below the motor torque.
     full = Actuation('voltage', voltage=12.0).actuator(GIMBALL)
     assert model.torque(State(), full) == motor.maximum_torque < 2.0 * stall
 
@@ -287,7 +287,7 @@ def test_idle_speed_of_the_motor():
 
 
 def test_steady_speed_under_a_voltage_with_all_friction():
-    # Nothing accelerates, so the floor gives no force and the pendulum balances c1 alone.
+    # Nothing accelerates, so the floor exerts no friction and the pendulum balances c1 alone.
     motor, robot = GIMBALL.motor, GIMBALL
     back = motor.gear_ratio * motor.speed_constant
     per_volt = motor.gear_ratio * motor.gear_efficiency * motor.torque_constant / motor.resistance
@@ -300,8 +300,8 @@ def test_steady_speed_under_a_voltage_with_all_friction():
     assert math.sin(run['pendulum_angle'][-1]) == pytest.approx(lean, rel=1e-4)
 
 
-def test_velocity_law_rolls_at_the_speed_it_is_asked_for():
-    # The integral leaves no error; it takes long, because the rocking is damped very little.
+def test_the_velocity_law_reaches_its_set_rate():
+    # The integral removes the error, but slowly, because the oscillation is lightly damped.
     model = Model(GIMBALL, Terrain.flat(), solver=Solver(step=1e-3))
     drive = Actuation('velocity', set_rate=4.0, velocity_ki=5.0, gravity_compensation=False)
     run = simulate(model, model.at_rest(0.0), drive, 400.0, 1e-1)
@@ -313,7 +313,7 @@ def test_position_law_holds_the_absolute_angle():
     model = Model(GIMBALL, Terrain.flat())
     drive = Actuation('position', set_angle=0.5)
     run = simulate(model, model.at_rest(0.0), drive, 0.5, 1e-3)
-    # Within the sag that holding against the accelerating ball costs at kP = 40 N m/rad.
+    # The proportional error against the accelerating ball at kP = 40 N m/rad is within 0.15 rad.
     assert run['pendulum_angle'][-1] == pytest.approx(0.5, abs=0.15)
     unlimited = Actuation('position', set_angle=0.5, position_kp=4000.0, position_kd=100.0)
     run = simulate(model, model.at_rest(0.0), unlimited, 0.5, 1e-3)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled and plain kernels give the same numbers, and machine code is kept with care."""
+"""Compiled and plain kernels return the same values, and machine code is cached safely."""
 from collections import OrderedDict
 import errno
 import fcntl
@@ -14,7 +14,7 @@ from tiers import slow
 
 from ballbot_ros import jit
 
-# Runs each robot and law against a step, and prints where they end.
+# Simulates each robot and law at a step and prints samples of the trajectories.
 PROGRAM = """
 import json
 from ballbot_ros import jit
@@ -48,7 +48,7 @@ def test_compilation_can_be_switched_off(variable):
 
 
 def outcome(uncompiled):
-    """Return what the program prints, in a process of its own."""
+    """Return the parsed output of the program, run in a separate process."""
     done = subprocess.run(
         [sys.executable, '-c', PROGRAM], check=True, capture_output=True, text=True,
         env={**os.environ, 'BALLBOT_UNCOMPILED': uncompiled,
@@ -67,7 +67,7 @@ def test_compiled_and_plain_kernels_agree():
     assert machine and not source
     assert set(fast) == set(plain) and len(fast) == 6
     for name, columns in plain.items():
-        # Relative to the largest value of its column: forces near 0 are differences.
+        # Relative to the largest value of the column: forces near 0 are differences.
         for one, two in zip(np.array(columns), np.array(fast[name])):
             np.testing.assert_allclose(
                 two, one, rtol=1e-12, atol=1e-12 * max(1.0, np.abs(one).max()), err_msg=name)
@@ -75,7 +75,7 @@ def test_compiled_and_plain_kernels_agree():
 
 @pytest.fixture
 def writing(monkeypatch, tmp_path):
-    """Return a function that sets what happens where numba writes machine code to a folder."""
+    """Return a function that sets a hook to run before numba writes machine code to a folder."""
     caching = pytest.importorskip('numba.core.caching')
     monkeypatch.setattr(jit, '_FOLDER', str(tmp_path))
     write = caching.IndexDataCacheFile.save
@@ -93,7 +93,7 @@ def double(number):
 
 
 @needs_numba
-def test_one_process_at_a_time_writes_machine_code(writing, tmp_path):
+def test_only_one_process_at_a_time_writes_machine_code(writing, tmp_path):
     refused = []
 
     def try_as_well(folder):
@@ -108,7 +108,7 @@ def test_one_process_at_a_time_writes_machine_code(writing, tmp_path):
 
 
 @needs_numba
-def test_a_full_disk_costs_a_compilation_not_the_run(writing, tmp_path):
+def test_a_full_disk_prevents_caching_but_not_the_call(writing, tmp_path):
     def fail(folder):
         raise OSError(errno.ENOSPC, 'no space left on device')
     writing(fail)
@@ -116,13 +116,13 @@ def test_a_full_disk_costs_a_compilation_not_the_run(writing, tmp_path):
     assert not list(tmp_path.rglob('*.nbc'))
 
 
-def test_machine_code_is_found_without_a_look_at_the_types_of_a_kernel():
-    # Their hash, of tuples of tuples, takes longer than many a call.
+def test_machine_code_is_found_without_hashing_the_types_of_a_kernel():
+    # The hash of these nested tuples takes longer than many calls.
     class Types:
-        looks = 0
+        hashes = 0
 
         def __hash__(self):
-            self.looks += 1
+            self.hashes += 1
             return 0
 
     class Kernel:
@@ -133,7 +133,7 @@ def test_machine_code_is_found_without_a_look_at_the_types_of_a_kernel():
     types, kernel = Types(), Kernel()
     assert jit.direct(kernel) is kernel
     kernel.overloads[types] = Machine
-    before = types.looks
-    assert jit.direct(kernel) == 'code' and types.looks == before
+    before = types.hashes
+    assert jit.direct(kernel) == 'code' and types.hashes == before
     kernel.overloads[Types()] = Machine
     assert jit.direct(kernel) is kernel

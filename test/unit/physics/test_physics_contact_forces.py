@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Springs of the contact keep their energy, dampers and friction only take it."""
+"""Contact springs conserve energy; dampers and friction only dissipate it."""
 from dataclasses import replace
 import math
 
@@ -20,7 +20,7 @@ FREE = Actuation()
 # Energy of the springs --------------------------------------------------------------------
 
 def lossless(robot=BOT):
-    """Return a robot whose contact neither damps nor rubs."""
+    """Return a robot without contact damping and friction."""
     return replace(robot, contact_damping=0.0, surface_friction=0.0, edge_friction=0.0)
 
 
@@ -33,7 +33,7 @@ def test_force_is_the_gradient_of_the_spring_energy(case):
     gradient = [(energy_at(terrain, x + hop, y) - energy_at(terrain, x - hop, y)) / (2.0 * hop),
                 (energy_at(terrain, x, y + hop) - energy_at(terrain, x, y - hop)) / (2.0 * hop)]
     force = loads_at(terrain, x, y, robot=lossless())[:2]
-    # Where a contact begins within the hop, the second derivative jumps by the stiffness.
+    # Where a contact starts within the hop, the second derivative jumps by the stiffness.
     np.testing.assert_allclose(force, np.negative(gradient), rtol=1e-5,
                                atol=4.0 * PARAMETERS.stiffness * hop)
 
@@ -50,7 +50,7 @@ PATHS = {
 
 @pytest.mark.parametrize('name', [*slow(*list(PATHS)[:-1]), *list(PATHS)[-1:]])
 def test_energy_is_continuous_along_a_path(name):
-    # As finely sampled as it may be, no step of the energy is left.
+    # The largest difference between samples vanishes as the sampling is refined.
     terrain = PATHS[name]
 
     def largest_step(count):
@@ -69,13 +69,13 @@ def test_without_the_farthest_point_the_energy_would_jump():
         return float(np.sum(rows[rows[:, KIND] != CORNER, PENETRATION]**2))
 
     values = np.array([minima_only(x) for x in np.linspace(-0.08, 0.08, 8001)])
-    # Contacts of 3 mm each merge into one.
+    # Two contacts with a penetration of 3 mm each merge into one.
     assert np.abs(np.diff(values)).max() > 0.99 * 0.003**2
 
 
 @pytest.mark.parametrize('angle_deg', [1.0, 4.0, 15.0])
 def test_a_lossless_ball_keeps_its_energy_through_a_bend(angle_deg):
-    # Down a slope, through the bend, and on along the floor, with frictions all off.
+    # The ball rolls down a slope, through the bend, and along the floor, without any friction.
     robot = replace(lossless(), joint_friction=0.0, rolling_friction=0.0)
     terrain = Terrain([[-1.0, math.tan(math.radians(angle_deg))], [0.0, 0.0], [1.0, 0.0]])
     model = Model(robot, terrain, solver=Solver(step=2e-5))
@@ -89,7 +89,7 @@ def test_a_lossless_ball_keeps_its_energy_through_a_bend(angle_deg):
 # Round ground as the limit of many vertices -----------------------------------------------
 
 def arc(radius, count, bump):
-    """Return a bump or a bowl of a radius, its axis at the origin, with `count` chords."""
+    """Return a bump or bowl of the given radius about the origin, made of `count` chords."""
     angles = np.linspace(-1.0, 1.0, count + 1)
     points = radius * np.column_stack([np.sin(angles), (1.0 if bump else -1.0) * np.cos(angles)])
     outward = 1.0 if not bump else -1.0
@@ -118,7 +118,7 @@ def test_finer_arcs_converge_to_the_circle_with_the_square_of_the_chord(bump, ra
 @pytest.mark.slow
 @settings(max_examples=200)
 @given(touching(), velocities)
-def test_dampers_and_friction_only_take(case, motion):
+def test_dampers_and_friction_only_dissipate_energy(case, motion):
     terrain, x, y = case
     loads = loads_at(terrain, x, y, *motion)
     assert loads[3] >= -1e-9 * abs(loads[:2]).max()
@@ -126,7 +126,7 @@ def test_dampers_and_friction_only_take(case, motion):
 
 
 @pytest.mark.parametrize('height', [*slow(3e-4, 4e-3), 1e-3])
-def test_friction_only_takes_on_steps_lower_than_the_penetration(height):
+def test_friction_only_dissipates_on_steps_lower_than_the_penetration(height):
     random = np.random.default_rng(5)
     terrain, corners = Terrain.step(height), 0
     for _ in range(2000):
@@ -139,8 +139,8 @@ def test_friction_only_takes_on_steps_lower_than_the_penetration(height):
     assert corners > 200
 
 
-def test_friction_passes_from_floor_to_ramp_without_a_jump():
-    # Equal friction on both, the ball sliding: the force changes as slowly as the place.
+def test_the_friction_torque_is_continuous_from_floor_to_ramp():
+    # With equal friction on both, the torque on a sliding ball is continuous in its position.
     terrain = Terrain([[-1.0, 0.0], [0.0, 0.0], [1.0, 0.1]])
 
     def largest_step(count):
@@ -158,7 +158,7 @@ def scale(slip, threshold, smooth):
 
 
 @given(strategies.floats(-1.0, 1.0), strategies.floats(1e-4, 0.5), strategies.booleans())
-def test_friction_scale_is_odd_bounded_rising_and_whole_at_the_threshold(slip, threshold, smooth):
+def test_friction_scale_is_odd_bounded_rising_and_one_at_the_threshold(slip, threshold, smooth):
     found, one = scale(slip, threshold, smooth), 1.0 + 2.0**-52  # or the next number
     assert -one <= found <= one
     assert found == -scale(-slip, threshold, smooth)
@@ -179,9 +179,9 @@ def test_shapes_of_the_friction_scale():
 
 @pytest.mark.parametrize('velocity, rate, sign', [
     (1.0, 0.0, -1.0),        # slides forward: held back
-    (0.0, -5.0, 1.0),        # spins as for rolling forward: driven forward
+    (0.0, -5.0, 1.0),        # spins in the forward rolling direction: driven forward
     (0.0, 5.0, -1.0)])
-def test_friction_opposes_the_slip_of_a_counter_clockwise_ball(velocity, rate, sign):
+def test_friction_opposes_the_slip(velocity, rate, sign):
     depth = 0.002
     force_x, force_y, torque, _, loss = loads_at(
         Terrain.flat(), 0.0, RADIUS - depth, velocity, 0.0, rate)
@@ -192,15 +192,15 @@ def test_friction_opposes_the_slip_of_a_counter_clockwise_ball(velocity, rate, s
         abs(force_x) * abs(velocity + (RADIUS - depth) * rate), rel=1e-12)
 
 
-def test_only_the_literal_damper_pulls():
-    place = (Terrain.flat(), 0.0, RADIUS - 1e-4, 0.0, 1.0)
-    assert loads_at(*place)[1] == 0.0
-    pulled = loads_at(*place, options=ContactOptions(pulling=True))[1]
+def test_the_damper_pulls_only_if_the_option_allows_it():
+    case = (Terrain.flat(), 0.0, RADIUS - 1e-4, 0.0, 1.0)
+    assert loads_at(*case)[1] == 0.0
+    pulled = loads_at(*case, options=ContactOptions(pulling=True))[1]
     assert pulled == pytest.approx(
         BOT.contact_stiffness * 1e-4 - BOT.contact_damping, rel=1e-9)
 
 
-def test_friction_of_a_segment_and_of_a_vertex_replaces_that_of_the_robot():
+def test_the_friction_of_a_segment_or_vertex_overrides_that_of_the_robot():
     terrain = Terrain([[-1.0, 0.0], [0.0, 0.0], [0.0, 0.05], [1.0, 0.05]],
                       [0.5, np.nan, np.nan], [np.nan, np.nan, 0.7, np.nan])
     assert rows_at(terrain, -0.5, RADIUS - 0.001)[0, FRICTION] == 0.5
@@ -209,7 +209,7 @@ def test_friction_of_a_segment_and_of_a_vertex_replaces_that_of_the_robot():
     assert edge[0, KIND] == EDGE and edge[0, FRICTION] == 0.7
 
 
-def test_a_ball_at_rest_between_wall_and_floor_stays():
+def test_a_ball_at_rest_between_wall_and_floor_stays_at_rest():
     model = Model(BOT, Terrain.step(1.0))
     start = model.at_rest(-RADIUS - 1e-6)
     run = simulate(model, start, FREE, 1.0)

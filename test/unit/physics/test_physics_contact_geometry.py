@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ball touches where the distance to the ground has a local minimum, on any ground."""
+"""Contacts lie at the local minima of the distance between ball centre and any terrain."""
 import math
 
 from contact_cases import BOT, loads_at, RADIUS, rows_at, touching, velocities
@@ -15,9 +15,9 @@ from ballbot_ros.physics.mechanics.contact import (
 # The rule ---------------------------------------------------------------------------------
 
 def signed_squares(terrain, x, y):
-    """Return the sum of +-penetration^2 over the extrema of the distance, by sampling."""
+    """Return the sum of +-penetration^2 over the extrema of the sampled distance."""
     vertices = terrain.vertices.copy()
-    vertices[0] += vertices[0] - vertices[1]  # the ends go on, so make them long enough
+    vertices[0] += vertices[0] - vertices[1]  # the end segments are unbounded: lengthen them
     vertices[-1] += vertices[-1] - vertices[-2]
     tangents = np.diff(vertices, axis=0)
     many = np.maximum(2, (np.hypot(*tangents.T) / 5e-4).astype(int))
@@ -32,7 +32,7 @@ def signed_squares(terrain, x, y):
         tangent, past = tangents[segments[index]], tangents[segments[index - 1]]
         depth = RADIUS - distance[index]
         least = distance[index] < distance[index - 1]
-        turn = past[0] * tangent[1] - past[1] * tangent[0]  # 0 but at a vertex
+        turn = past[0] * tangent[1] - past[1] * tangent[0]  # 0 except at a vertex
         offset = np.array([x, y]) - points[index]
         in_front = tangent[0] * offset[1] - tangent[1] * offset[0] > 0.0
         if least and (in_front or (part[index] == 0.0 and turn < 1e-9)):
@@ -63,7 +63,7 @@ def test_minima_and_maxima_alternate_and_each_lies_on_the_ground(case):
     assert not corners[[0, -1]].any()
     for index in np.flatnonzero(corners):
         assert not corners[index - 1] and not corners[index + 1]
-        # The farthest point is farther than both of its neighbours.
+        # The local maximum of the distance exceeds both neighbouring minima.
         assert rows[index, PENETRATION] <= rows[[index - 1, index + 1], PENETRATION].min()
     for row in rows:
         point = np.array([row[POINT_X], row[POINT_Y]])
@@ -73,7 +73,7 @@ def test_minima_and_maxima_alternate_and_each_lies_on_the_ground(case):
             point + (RADIUS - row[PENETRATION]) * normal, [x, y], atol=1e-12)
         starts, steps = terrain.vertices[:-1], np.diff(terrain.vertices, axis=0)
         place = np.einsum('ij,ij->i', point - starts, steps) / np.einsum('ij,ij->i', steps, steps)
-        place[1:] = np.maximum(place[1:], 0.0)  # the end segments go on without end
+        place[1:] = np.maximum(place[1:], 0.0)  # the end segments are unbounded
         place[:-1] = np.minimum(place[:-1], 1.0)
         gap = np.hypot(*(starts + place[:, None] * steps - point).T).min()
         assert gap < 1e-9
@@ -84,7 +84,7 @@ def test_minima_and_maxima_alternate_and_each_lies_on_the_ground(case):
     (-0.115, [SURFACE, CORNER, EDGE]),  # lower plane and corner, Fig. 2
     (0.02, [SURFACE])])              # upper plane
 def test_the_three_contacts_of_figure_2(x, kinds):
-    # A low step, so that both are touched together; the edge keeps its point while surfaces roll.
+    # A low step allows contact with lower plane and edge together; the edge point is fixed.
     terrain = Terrain.step(0.03)
     rows = rows_at(terrain, x, terrain.height(x) + RADIUS - 0.002)
     assert [int(row[KIND]) for row in rows] in (kinds, [kind for kind in kinds if kind != CORNER])
@@ -94,7 +94,7 @@ def test_the_three_contacts_of_figure_2(x, kinds):
         assert row[POINT_X] == pytest.approx(x, abs=1e-15)
 
 
-def test_rolling_up_an_edge_touches_only_the_edge():
+def test_a_ball_rolling_over_an_edge_touches_only_the_edge():
     rows = rows_at(Terrain.step(0.03), -0.03, 0.03 + RADIUS - 0.004)
     assert [int(row[KIND]) for row in rows] == [EDGE]
     assert rows[0, NORMAL_X] < 0.0 < rows[0, NORMAL_Y]
@@ -109,7 +109,7 @@ def test_a_face_higher_than_the_radius_is_a_wall(height, kind):
         assert rows[-1, PENETRATION] == pytest.approx(0.002, rel=1e-9)
 
 
-def test_a_wall_corner_gives_two_full_contacts_and_nothing_else():
+def test_a_corner_of_floor_and_wall_gives_exactly_two_full_contacts():
     rows = rows_at(Terrain.step(1.0), -RADIUS + 0.003, RADIUS - 0.002)
     assert [int(row[KIND]) for row in rows] == [SURFACE, SURFACE]
     assert rows[:, PENETRATION] == pytest.approx([0.002, 0.003], rel=1e-9)
@@ -117,7 +117,7 @@ def test_a_wall_corner_gives_two_full_contacts_and_nothing_else():
 
 
 def test_an_edge_is_touched_within_its_normal_cone_only():
-    terrain = Terrain([[-1.0, 0.0], [0.0, 0.0], [1.0, -0.5]])  # down a bend at the origin
+    terrain = Terrain([[-1.0, 0.0], [0.0, 0.0], [1.0, -0.5]])  # convex bend at the origin
     for angle in np.linspace(-0.3, 0.8, 56):
         direction = np.array([math.sin(angle), math.cos(angle)])
         rows = rows_at(terrain, *((RADIUS - 0.001) * direction))
@@ -129,13 +129,13 @@ def test_an_edge_is_touched_within_its_normal_cone_only():
 # Symmetries -------------------------------------------------------------------------------
 
 def same_kinds(rows, other):
-    """Return whether two balls have like contacts; rounding decides at a vertex."""
+    """Return whether two balls have contacts of the same kinds; rounding decides at a vertex."""
     return np.array_equal(rows[:, KIND], other[:, KIND])
 
 
 @pytest.mark.slow
 @given(touching(), velocities, strategies.floats(-3.0, 3.0), strategies.floats(-3.0, 3.0))
-def test_moving_the_ground_moves_nothing_else(case, motion, right, up):
+def test_translating_ground_and_ball_does_not_change_the_loads(case, motion, right, up):
     terrain, x, y = case
     moved = Terrain(terrain.vertices + [right, up])
     assume(same_kinds(rows_at(terrain, x, y), rows_at(moved, x + right, y + up)))
@@ -160,7 +160,7 @@ def test_a_mirrored_ground_gives_mirrored_contacts(case, motion):
 
 @pytest.mark.slow
 @given(touching(), velocities, strategies.lists(strategies.floats(0.05, 0.95), max_size=5))
-def test_a_vertex_more_on_a_straight_line_changes_nothing(case, motion, places):
+def test_an_extra_vertex_on_a_straight_line_does_not_change_the_loads(case, motion, places):
     terrain, x, y = case
     points = list(terrain.vertices)
     added = []
@@ -168,13 +168,13 @@ def test_a_vertex_more_on_a_straight_line_changes_nothing(case, motion, places):
         segment = number % (len(terrain.vertices) - 1)
         one, two = terrain.vertices[segment:segment + 2]
         added.append((segment, place, one + place * (two - one)))
-    # From the back, so that the places in front keep their numbers.
+    # Insert from the back, so that the indices in front stay valid.
     for segment, _, point in sorted(added, key=lambda item: item[:2], reverse=True):
         points.insert(segment + 1, point)
     points = np.array(points)
     steps = np.diff(points, axis=0)
     assume((np.hypot(*steps.T) > 1e-4).all() and (steps[:, 0] >= 0.0).all())
-    # Exactly at the new vertex the contact is called an edge, with the friction of one.
+    # A contact exactly at the new vertex would be an edge contact with edge friction.
     rows = rows_at(terrain, x, y)
     assume(all(np.hypot(*(row[[POINT_X, POINT_Y]] - point)) > 1e-6
                for row in rows for *_, point in added))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The published crossings succeed, and the thresholds are those found independently."""
+"""The published crossings succeed, and the thresholds match an independent program."""
 import math
 
 import numpy as np
@@ -17,8 +17,8 @@ GIMBALL = load_robot('gimball')
 SHELLBALL = load_robot('shellball')
 SPEEDS = [0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2]
 
-# Maximum step height [mm] at each speed, from a program of its own, written in C before this one
-# (physics-notes, section 2.1).  Nothing here was fitted to it.
+# Maximum step height [mm] at each speed, from an independent C program that was written before
+# this package (physics-notes, section 2.1).  Nothing here was fitted to it.
 TABLE = {
     'shellball free': [
         3.12, 6.78, 11.11, 15.58, 19.94, 24.00, 27.69, 30.95, 33.81, 36.31, 38.48],
@@ -32,13 +32,13 @@ CASES = {
     'shellball free': (SHELLBALL, Actuation(), 0.0), 'gimball free': (GIMBALL, Actuation(), 0.0),
     'gimball down': (GIMBALL, held_at(0.0), 0.0),
     'gimball level': (GIMBALL, held_at(math.pi / 2), math.pi / 2)}
-# It starts 2 mm before the touch, where a level pendulum makes the ball a little faster.
+# The C program starts 2 mm before the touch; a level pendulum accelerates the ball until then.
 ITS_RULES = Rules(lead=START_LEAD)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('case', TABLE)
-def test_thresholds_are_those_of_the_independent_program(case):
+def test_thresholds_agree_with_the_independent_program(case):
     robot, actuation, angle = CASES[case]
     found = [1e3 * highest_step(robot, speed, actuation, angle, rules=ITS_RULES)
              for speed in SPEEDS]
@@ -47,8 +47,8 @@ def test_thresholds_are_those_of_the_independent_program(case):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('case', TABLE)
-def test_with_the_lever_of_that_program_the_agreement_is_within_both_brackets(case):
-    # It has the printed R in eq. (8), and a clamp; each bracket is 0.05 mm wide.
+def test_with_the_lever_of_that_program_thresholds_agree_within_both_brackets(case):
+    # That program uses the printed R in eq. (8), and a clamp; each bracket is 0.05 mm wide.
     robot, actuation, angle = CASES[case]
     options = ContactOptions(slip_lever='radius')
     found = [1e3 * highest_step(robot, speed, actuation, angle, options=options,
@@ -73,7 +73,7 @@ def test_the_literal_paper_has_nearly_the_same_thresholds(case, speed):
 
 
 @pytest.mark.parametrize('case, speed', pairs(list(TABLE), [0.3, 0.8, 1.2]))
-def test_every_lower_step_is_passed_and_no_higher_one(case, speed):
+def test_every_step_below_the_threshold_is_crossed_and_none_above(case, speed):
     robot, actuation, angle = CASES[case]
     threshold = highest_step(robot, speed, actuation, angle)
     for share in (0.2, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99):
@@ -82,7 +82,7 @@ def test_every_lower_step_is_passed_and_no_higher_one(case, speed):
         assert not crosses(robot, speed, share * threshold, actuation, angle)
 
 
-def test_threshold_lies_inside_the_bracket_that_was_asked_for():
+def test_the_threshold_lies_within_the_requested_bracket():
     for tolerance in (1e-3, 5e-5, 1e-6):
         low = highest_step(GIMBALL, 0.7, tolerance=tolerance)
         assert crosses(GIMBALL, 0.7, low)
@@ -90,7 +90,7 @@ def test_threshold_lies_inside_the_bracket_that_was_asked_for():
 
 
 @pytest.mark.slow
-def test_faster_balls_get_higher_and_a_level_pendulum_helps():
+def test_the_threshold_rises_with_speed_and_with_a_level_pendulum():
     for case in TABLE:
         robot, actuation, angle = CASES[case]
         heights = [highest_step(robot, speed, actuation, angle) for speed in SPEEDS[::2]]
@@ -119,7 +119,7 @@ def test_the_scenes_of_figure_7_succeed(row):
     assert (run['y'][over] > upper + 0.9 * scene.model.robot.ball_radius).all()
 
 
-def test_pendulum_is_where_figure_7_shows_it():
+def test_the_pendulum_angles_agree_with_figure_7():
     top, middle, bottom = (
         load_scene(f'fig7_{row}').simulate() for row in ('top', 'middle', 'bottom'))
     assert np.degrees(np.abs(top['pendulum_angle']).max()) < 40.0
@@ -127,7 +127,7 @@ def test_pendulum_is_where_figure_7_shows_it():
     assert np.degrees(np.abs(bottom['pendulum_angle'] - math.pi / 2).max()) < 40.0
 
 
-def test_touch_is_where_the_ball_first_meets_the_edge():
+def test_the_touch_distance_is_where_the_ball_first_contacts_the_edge():
     for height in (0.005, 0.031, 0.1, 0.226, 0.5):
         below = min(height, 0.226)
         assert (0.226 - below)**2 + touch_distance(0.226, height)**2 == pytest.approx(

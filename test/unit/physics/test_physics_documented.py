@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The numbers of docs/model.md are those of the code; docs/equations.md points to what exists."""
+"""The numbers in docs/model.md match the code; references in docs/equations.md exist."""
 from importlib import import_module
 import math
 from pathlib import Path
@@ -25,7 +25,7 @@ OPTIONS = [ContactOptions(pulling=True), ContactOptions(slip_lever='radius'),
 
 
 def table(name):
-    """Return the rows of the table behind a mark, without its head."""
+    """Return the rows of the table after a marker, without its header."""
     lines = TEXT.split(f'<!-- {name} -->\n')[1].split('\n\n')[0].split('\n')
     return [[cell.strip() for cell in line.strip('|').split('|')] for line in lines[2:]]
 
@@ -45,7 +45,7 @@ def test_effect_of_the_contact_options_on_the_height(row):
     assert values[1:] == pytest.approx([millimetres(item) - own for item in OPTIONS], abs=0.012)
 
 
-def test_contact_parameters_give_documented_contact_values():
+def test_the_documented_contact_values_follow_from_the_parameters():
     for column, name in ((1, 'gimball'), (2, 'shellball')):
         robot = load_robot(name)
         zeta = robot.damping_ratio
@@ -62,20 +62,20 @@ def test_contact_parameters_give_documented_contact_values():
         assert len(shown) == len(expected)
 
 
-def test_each_section_with_formulas_says_where_its_code_is():
+def test_each_section_with_formulas_names_its_code():
     sections = [text for text in EQUATIONS.split('\n## ') if '$$' in text]
     assert len(sections) == 6 and all('Code:' in text for text in sections)
 
 
 @pytest.mark.parametrize('path', sorted(set(re.findall(
     r'`((?:physics|studies|decision)/[\w/]+(?:\.py)?)`', EQUATIONS))))
-def test_a_file_that_the_equations_point_to_exists(path):
+def test_each_file_named_in_the_equations_exists(path):
     assert (ROOT / 'ballbot_ros' / path).exists()
 
 
 @pytest.mark.parametrize('module, name', sorted(set(re.findall(
     r'`(equations|contact|modes|actuation|Model)\.(\w+)`', EQUATIONS))))
-def test_code_that_the_equations_point_to_exists(module, name):
+def test_each_function_named_in_the_equations_exists(module, name):
     folder = 'model' if module == 'actuation' else 'mechanics'
     place = Model if module == 'Model' else import_module(
         f'ballbot_ros.physics.{folder}.{module}')

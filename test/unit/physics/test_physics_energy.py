@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No energy comes from nowhere, and none goes without being counted."""
+"""The energy balance closes: no energy appears or vanishes unaccounted for."""
 from dataclasses import replace
 import math
 
@@ -15,24 +15,24 @@ from ballbot_ros.physics.simulation.run import TooLongSteps
 ROBOTS = {name: load_robot(name) for name in ('gimball', 'shellball')}
 LOSSES = ('contact_loss', 'friction_loss', 'rolling_loss', 'joint_loss')
 SCENES = sorted(path.stem for path in (config_folder() / 'scenes').glob('*.yaml'))
-# Nothing drives the ball here, until the caller sends a torque.
+# Nothing drives the ball in these scenes until the caller sends a torque.
 STILL = {'flat', 'doorstep', 'drop_on_slope'}
 
 
 def relative_residual(trajectory):
-    """Return the largest miss of the energy ledger relative to the energy that moves."""
+    """Return the largest energy balance error relative to the energy in play."""
     return np.abs(trajectory.energy_residual).max() / trajectory.energy_in_play
 
 
 @pytest.mark.parametrize('name', [name for name in SCENES if name not in STILL])
-def test_ledger_of_each_scene_closes(name):
+def test_the_energy_balance_of_each_scene_closes(name):
     trajectory = load_scene(name).simulate()
     assert trajectory.energy_in_play > 0.1
     assert relative_residual(trajectory) < 1e-6
 
 
 @pytest.mark.parametrize('name', sorted(STILL))
-def test_a_scene_without_drive_stays_where_it_is(name):
+def test_a_scene_without_drive_stays_at_rest(name):
     trajectory = load_scene(name).simulate()
     assert trajectory['x'][-1] == 0.0
     assert np.abs(trajectory['velocity_y']).max() < 1e-12
@@ -40,7 +40,7 @@ def test_a_scene_without_drive_stays_where_it_is(name):
 
 def step_run(robot, speed, height, angle, law, step=1e-5, options=ContactOptions(),
              duration=0.6):
-    """Run a ball against a step that begins 5 cm before its front."""
+    """Run a ball against a step that starts 5 cm ahead of its front."""
     model = Model(ROBOTS[robot], Terrain.step(height, at=0.0), options, Solver(step=step))
     bot = ROBOTS[robot]
     actuation = Actuation() if robot == 'shellball' else Actuation(
@@ -58,7 +58,7 @@ RUNS = {'robot': strategies.sampled_from(sorted(ROBOTS)), 'speed': strategies.fl
 @pytest.mark.slow
 @settings(max_examples=60)
 @given(**RUNS)
-def test_ledger_of_any_crossing_closes_and_no_loss_ever_turns_back(**case):
+def test_the_energy_balance_of_any_crossing_closes_and_losses_never_decrease(**case):
     trajectory = step_run(**case)
     assert relative_residual(trajectory) < 1e-6
     for loss in LOSSES:
@@ -68,16 +68,16 @@ def test_ledger_of_any_crossing_closes_and_no_loss_ever_turns_back(**case):
 @settings(max_examples=40)
 @given(**RUNS)
 @example(robot='shellball', speed=0.5121940969649788, height=0.05, angle=0.0, law='free')
-def test_ledger_at_the_default_step_closes_to_a_ten_thousandth(**case):
-    # A hard impact of the empty ball lasts 130 default steps, and begins within one of them.
+def test_the_energy_balance_at_the_default_step_closes_to_one_in_ten_thousand(**case):
+    # A hard impact of the empty ball lasts 130 default steps and starts within one of them.
     try:
         trajectory = step_run(**case, step=Solver().step)
-    except TooLongSteps as refused:  # it parts from shorter ones, but loses nothing on its way
+    except TooLongSteps as refused:  # it deviates from a finer run, but its balance closes
         trajectory = refused.trajectory
     assert relative_residual(trajectory) < 1e-4
 
 
-def test_ledger_improves_with_the_square_of_the_step():
+def test_the_energy_balance_error_falls_with_the_square_of_the_step():
     heights = np.linspace(0.02, 0.08, 12)
 
     def typical(step):
@@ -98,9 +98,9 @@ def test_each_loss_is_the_integral_of_its_power(gimball):
             float(0.5 * (power[1:] + power[:-1]) @ np.diff(trajectory['time'])), rel=1e-3)
 
 
-def test_with_the_printed_lever_friction_can_give_energy(gimball):
-    # Eq. (8) has R where eq. (10) has the distance: the force then opposes a slip that is not
-    # the one it works against.  A ball that is driven forward gains from it.
+def test_friction_with_the_printed_lever_can_add_energy(gimball):
+    # Eq. (8) has R where eq. (10) has the distance: the force then opposes a slip that differs
+    # from the one it does work on.  A ball that is driven forward gains energy.
     drive = Actuation('position', set_angle=math.pi / 2)
     least = {}
     for lever in ('radius', 'contact'):
@@ -112,7 +112,7 @@ def test_with_the_printed_lever_friction_can_give_energy(gimball):
 
 
 @pytest.mark.parametrize('column', [9, 10, 11, 12, 13])
-def test_the_ledger_sees_a_hundredth_that_is_not_counted(column):
+def test_the_energy_balance_detects_a_miscount_of_one_percent(column):
     trajectory = step_run('gimball', 0.8, 0.03, 0.5, 'voltage')
     miscounted = trajectory.rows.copy()
     miscounted[:, column] *= 0.99

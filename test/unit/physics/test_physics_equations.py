@@ -20,7 +20,7 @@ MATRICES = ('A', 'B', 'C', 'D', 'G')
 
 @cache
 def lagrange():
-    """Return A, B, C, D and G as eqs. (4) and (5) give them, for alpha = 0, and their symbols."""
+    """Return A, B, C, D and G derived from eqs. (4) and (5) for alpha = 0, and their symbols."""
     import sympy
     symbols = sympy.symbols('phi M1 M2 J1 J2 e c1 c2 g')
     phi, mass1, mass2, inertia1, inertia2, length, friction1, friction2, gravity = symbols
@@ -36,7 +36,7 @@ def lagrange():
                + inertia2 * swing**2) / 2
     potential = (mass1 * gravity * coordinates[3]
                  + mass2 * gravity * (coordinates[3] - length * sympy.cos(angle)))
-    # Friction takes c1 th1'^2 + c2 th2'^2: twice this function of Rayleigh.
+    # Friction dissipates c1 th1'^2 + c2 th2'^2: twice this Rayleigh function.
     dissipation = (friction1 * ball**2 + friction2 * joint**2) / 2
     accelerations = sympy.symbols('a1:5')
     plain = sympy.symbols('w1:5')
@@ -64,15 +64,15 @@ def lagrange():
 
 
 @pytest.mark.slow
-def test_nothing_of_the_lagrangian_is_left_out_of_the_five_matrices():
-    # What is called G above is all that the four matrices leave: it must hold no rates.
+def test_the_five_matrices_contain_all_terms_of_the_lagrangian():
+    # G above is the remainder after the four matrices: it must not contain rates.
     found, symbols = lagrange()
     assert found['G'].free_symbols <= {*symbols}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', MATRICES)
-def test_each_element_is_that_of_the_lagrangian(name):
+def test_each_matrix_element_follows_from_the_lagrangian(name):
     import sympy
     found, symbols = lagrange()
     numeric = sympy.lambdify(symbols, found[name])
@@ -92,7 +92,7 @@ def test_each_element_is_that_of_the_lagrangian(name):
         expected = np.array(numeric(state.pendulum_angle, *values), dtype=float)
         expected = expected.reshape(own.shape)
         np.testing.assert_allclose(own, expected, rtol=1e-13, atol=1e-15)
-        # A zero of the paper is a zero here, not a small number.
+        # A zero in the paper is an exact zero here, not a small number.
         assert np.array_equal(own == 0.0, expected == 0.0)
 
 
@@ -113,14 +113,14 @@ def random_case(random):
 
 
 def rates_and_loads(bot, state, actuator, ground, options):
-    """Return the derivative of the state vector, and what the contacts do."""
+    """Return the derivative of the state vector and the contact loads."""
     parameters, table = Parameters.of(bot, options), contact.contact_table(len(ground))
     vector, rates = np.array(state[1:]), np.zeros(SIZE)
     equations.derivative(0.0, vector, System(parameters, ground, actuator), table, rates)
     return rates, contact.contact_loads(vector, parameters, ground, table)
 
 
-def test_closed_form_is_the_solution_of_equation_13():
+def test_the_closed_form_solves_equation_13():
     random = np.random.default_rng(13)
     pressed = 0
     for _ in range(1000):
@@ -138,7 +138,7 @@ def test_closed_form_is_the_solution_of_equation_13():
     assert pressed > 600  # most of them with forces in both directions
 
 
-def test_closed_form_of_the_empty_ball_is_that_of_newton(shellball):
+def test_the_closed_form_of_the_empty_ball_obeys_newtons_second_law(shellball):
     random = np.random.default_rng(2)
     for _ in range(200):
         _, state, _, _, options = random_case(random)
@@ -162,7 +162,7 @@ def test_mass_matrix_of_the_empty_ball_is_singular(shellball):
     assert not matrix[1].any()
 
 
-def test_determinant_is_the_product_that_the_closed_form_divides_by(gimball):
+def test_the_determinant_is_the_divisor_of_the_closed_form(gimball):
     numbers = Parameters.of(gimball, ContactOptions())
     for angle in np.linspace(-math.pi, math.pi, 13):
         assert np.linalg.det(matrices.mass_matrix(
@@ -170,7 +170,7 @@ def test_determinant_is_the_product_that_the_closed_form_divides_by(gimball):
                 numbers.ball_inertia * numbers.mass**2 * numbers.swing_inertia, rel=1e-12)
 
 
-def test_energies_are_those_of_equations_4_and_5():
+def test_the_energies_agree_with_equations_4_and_5():
     random = np.random.default_rng(4)
     bot = load_robot('gimball')
     numbers = Parameters.of(bot, ContactOptions())

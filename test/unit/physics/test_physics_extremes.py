@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""At the extremes a run ends with a good answer or with an error that helps, and it ends."""
+"""Extreme runs terminate, either with an accurate result or with a helpful error."""
 from dataclasses import replace
 import importlib
 from pathlib import Path
@@ -32,7 +32,7 @@ SHELLBALL = load_robot('shellball')
 ROUGH = Terrain([[0.001 * i, 0.0005 * (i % 2)] for i in range(1000)])
 
 
-def test_a_run_gives_up_when_its_work_budget_is_used_up():
+def test_a_run_fails_when_its_work_budget_is_exhausted():
     scene = load_scene('fig7_top')
     needed = simulate(replace(scene.model, solver=Solver('adaptive')), scene.start,
                       scene.actuation, 1.0).effort.evaluations
@@ -43,7 +43,7 @@ def test_a_run_gives_up_when_its_work_budget_is_used_up():
     assert 0.0 < caught.value.trajectory['time'][-1] <= caught.value.time < 1.0
 
 
-def test_each_period_of_an_advance_has_a_work_budget_of_its_own():
+def test_each_call_of_advance_has_its_own_work_budget():
     model = Model(SHELLBALL, Terrain.flat(), solver=Solver('adaptive', work_budget=1000))
     state, drive = model.at_rest(0.0, 1.0), Actuation().actuator(SHELLBALL)
     for _ in range(200):
@@ -52,7 +52,7 @@ def test_each_period_of_an_advance_has_a_work_budget_of_its_own():
         model.advance(state, drive, 10_000_000)
 
 
-def test_looking_at_thousands_of_features_is_work_too():
+def test_contact_checks_of_thousands_of_features_count_as_work():
     robot = replace(SHELLBALL, ball_radius=1.0)
     model = Model(robot, ROUGH, solver=Solver('adaptive', work_budget=20_000))
     start = State(x=0.5, y=1.0, velocity_x=1.0)
@@ -60,7 +60,7 @@ def test_looking_at_thousands_of_features_is_work_too():
         simulate(model, start, Actuation(), 10.0)
 
 
-def test_a_thousand_elastic_bounces_keep_their_energy():
+def test_a_thousand_elastic_bounces_conserve_energy():
     robot = replace(SHELLBALL, contact_damping=0.0, rolling_friction=0.0)
     model = Model(robot, Terrain.flat(), solver=Solver('adaptive'))
     start = State(y=robot.ball_radius + 0.05)
@@ -71,7 +71,7 @@ def test_a_thousand_elastic_bounces_keep_their_energy():
     assert np.max(np.abs(energy - energy[0])) < 1e-3 * robot.weight * 0.05
 
 
-def test_a_tiny_ball_does_not_fall_through_its_floor_between_two_looks():
+def test_a_tiny_ball_does_not_fall_through_the_floor_between_contact_checks():
     robot = replace(SHELLBALL, ball_radius=1e-3, ball_inertia=1e-9, ball_mass=1e-3,
                     contact_stiffness=1e3, contact_damping=0.1, gravity=25.0)
     spike = Terrain([[-1.0, 0.0], [-1e-4, 0.0], [0.0, 5e-4], [1e-4, 0.0], [1.0, 0.0]])
@@ -82,9 +82,9 @@ def test_a_tiny_ball_does_not_fall_through_its_floor_between_two_looks():
 
 @pytest.mark.parametrize('method', ['adaptive', 'implicit', 'explicit'])
 @pytest.mark.parametrize('begin', [-0.5, -0.47, -0.44, -0.41])
-def test_a_touch_that_is_far_shorter_than_a_step_is_met_and_gives_the_impulse_it_has(
+def test_a_contact_much_shorter_than_a_step_is_detected_and_gives_the_correct_impulse(
         method, begin):
-    # A motor that holds an angle has no closed form of flight; this one does not move the centre.
+    # Flight with a position controller has no closed form; this one does not move the centre.
     robot = replace(load_robot('gimball'), pendulum_length=0.0, gravity=0.0, contact_damping=0.0,
                     edge_friction=0.0)
     radius, depth, speed = robot.ball_radius, 1e-6, 20.0
@@ -93,26 +93,26 @@ def test_a_touch_that_is_far_shorter_than_a_step_is_met_and_gives_the_impulse_it
         Model(robot, spike, solver=Solver(method, tolerance=1e-12)),
         State(x=begin, y=radius - depth, velocity_x=speed),
         Actuation(law='position', set_angle=1.0), 0.05)
-    # The depth is a parabola over a chord of the ball: 67 us, where steps take 2.8 ms.
-    lasting = 2.0 * np.sqrt(2.0 * radius * depth) / speed
-    impulse = 2.0 / 3.0 * robot.contact_stiffness * depth * lasting
+    # The depth is a parabola over a chord of the ball for 67 us; a step takes 2.8 ms.
+    contact_time = 2.0 * np.sqrt(2.0 * radius * depth) / speed
+    impulse = 2.0 / 3.0 * robot.contact_stiffness * depth * contact_time
     assert run['velocity_y'][-1] == pytest.approx(impulse / robot.total_mass, rel=1e-3)
 
 
 @pytest.mark.parametrize('seed, tolerances', [
     (5003019, (2.26e-7, 6.78e-9, 2.034e-10)), (5010932, (4.51e-7, 1.35e-8, 4.06e-10))])
-def test_a_short_touch_is_met_at_every_tolerance(seed, tolerances):
+def test_a_short_contact_is_detected_at_every_tolerance(seed, tolerances):
     exact = extreme_run('combined', seed, 1e-12, 400_000)
     for tolerance in tolerances:
         run = extreme_run('combined', seed, tolerance, 400_000)
         assert run.effort.events == exact.effort.events
-        # The ball was 200 and 58 um off where the touch was overlooked.
+        # The error was 200 and 58 um when the contact was missed.
         assert abs(run['x'][-1] - exact['x'][-1]) + abs(run['y'][-1] - exact['y'][-1]) < 2e-5
 
 
 @pytest.mark.parametrize('tolerance', [2.26e-7, 6.78e-9])
-def test_an_event_within_a_fast_transient_is_where_explicit_steps_have_it(tolerance):
-    # Implicit steps of 0.1 ms passed a slip that begins and ends its transient within 2 ns.
+def test_an_event_within_a_fast_transient_is_located_as_with_explicit_steps(tolerance):
+    # Implicit steps of 0.1 ms skipped a slip transient of 2 ns.
     case = make_case('combined', 9008773)
 
     def rate(method, tolerance):
@@ -132,7 +132,7 @@ def test_fixed_steps_beyond_the_work_budget_are_refused_before_they_start():
 
 
 @pytest.mark.parametrize('name', [name for name in BY_NAME if name != 'hour'])
-def test_no_case_at_the_extremes_is_wrong(name):
+def test_no_extreme_case_gives_a_wrong_result(name):
     for seed in range(2 if name in ('bounces', 'control_period') else 6):
         found = judge(name, seed)
         assert found.verdict != WRONG, f'--only {name}:{seed}  {found.why}'
@@ -156,30 +156,30 @@ def test_a_failed_stricter_run_leaves_a_result_unconfirmed_or_shows_it_wrong(
     assert judge('slope', 0).verdict == verdict
 
 
-def test_energy_that_comes_and_goes_again_is_seen_too():
-    # At its end the ledger of this run would close: each sample is looked at.
+def test_a_transient_energy_balance_error_is_detected():
+    # The energy balance closes at the end of this run, so each sample is checked.
     found = judge('fixed', 811)
     assert found.verdict == REFUSED and 'energy balance error' in found.why
 
 
-def test_a_case_is_a_function_of_its_class_and_seed():
+def test_a_case_depends_only_on_its_class_and_seed():
     assert make_case('combined', 3).start == make_case('combined', 3).start
     assert make_case('combined', 3).start != make_case('combined', 4).start
 
 
 @pytest.mark.parametrize('seed', [73, 373, 516])
-def test_a_contact_that_flickers_by_rounding_is_stepped_over(seed):
-    # With next to no gravity, depth changes by less than its rounding between two events.
+def test_contact_events_caused_by_rounding_are_stepped_over(seed):
+    # With almost no gravity, the depth changes by less than its rounding between two events.
     found = judge('gravity', seed)
     assert found.verdict != WRONG, found.why
 
 
 @pytest.mark.parametrize('method', ['adaptive', 'implicit', 'explicit'])
-def test_a_tolerance_coarser_than_the_penetration_does_not_make_a_run_hang(method):
+def test_a_run_with_a_tolerance_above_the_penetration_terminates(method):
     scene = load_scene('shellball_drop')
     model = replace(scene.model, solver=Solver(method, tolerance=1e-3, work_budget=50_000))
     assert model.solver.tolerance > 5.0 * model.robot.static_penetration
-    # It may be too coarse for the ledger, but not for an end.
+    # The tolerance may be too coarse for the energy balance, but the run must end.
     vector = np.array(scene.start[1:])
     status = Integrator(model.parameters, model.profile, model.solver).advance(
         scene.actuation.actuator(model.robot), vector, Status(FINISHED, 0.0), scene.run.duration)
@@ -194,19 +194,19 @@ def extreme_run(name, seed, tolerance, budget):
     return simulate(model, case.start, case.actuation, case.duration, 0.02 * case.duration)
 
 
-def test_steps_that_stiffness_holds_below_the_limit_of_stability_become_implicit():
-    # Explicit steps stayed at 0.43 of that limit for good, and took 2,000,000 evaluations.
+def test_steps_limited_by_stiffness_below_the_stability_limit_become_implicit():
+    # Explicit steps stayed at 0.43 of that limit and took 2,000,000 evaluations.
     assert extreme_run('combined', 1338, 2.034e-10, 20_000).effort.evaluations < 10_000
 
 
-def test_a_touch_is_located_where_the_ball_touches_and_not_a_rounding_before():
-    # It flickered, some 20 events for each millionth of a second, and that took all of its work.
+def test_a_touch_is_not_located_a_rounding_error_before_the_contact():
+    # The contact chattered with about 20 events per microsecond and exhausted the work budget.
     run = extreme_run('combined', 2794, 7.43e-11, 400_000)
     assert len(run) == 51 and run.effort.events < 10_000
 
 
 def test_an_event_shorter_than_the_resolution_of_time_is_stepped_over():
-    # 40 kN m turn a ball of 0.05 g: it slips through its threshold in less than 1e-16 s.
+    # 40 kN m act on a ball of 0.05 g: its slip passes the threshold in less than 1e-16 s.
     run = extreme_run('combined', 120, 5.9e-12, 20_000)
     assert len(run) == 51 and np.max(np.abs(run.energy_residual)) < 1e-3 * run.energy_in_play
 
@@ -220,7 +220,7 @@ def test_an_event_shorter_than_the_resolution_of_time_is_stepped_over():
     'stiffness:996', 'combined:2597', 'combined:3314', 'control_period:5000120',
     'control_period:5002834', 'control_period:5006286', 'control_period:9001687',
     'combined:5003019', 'combined:5010932', 'combined:9008773'])
-def test_former_failures_are_solved(which):
+def test_former_failures_no_longer_occur(which):
     name, _, seed = which.partition(':')
     found = judge(name, int(seed))
     assert found.verdict != WRONG, found.why
@@ -228,7 +228,7 @@ def test_former_failures_are_solved(which):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', [5003954, 5002834])
-def test_a_loop_that_is_declared_stable_parts_no_more_than_its_growth_explains(monkeypatch, seed):
+def test_a_stable_loop_diverges_no_faster_than_its_growth_rate_allows(monkeypatch, seed):
     case, enough = make_case('control_period', seed), np.log(1.0 / judging.LOOP)
     assert is_stable(case.model.robot, case.tuning, 'drive', case.rate)
     assert judge('control_period', seed).verdict == CHAOTIC
@@ -253,7 +253,7 @@ def test_growth_accumulates_where_a_loop_slips_flies_or_swings():
 
 
 def methods_asked(monkeypatch, altered):
-    """Return the methods of the runs that an accuracy takes; `altered` changes each."""
+    """Return the methods of the runs made for an accuracy; `altered` modifies each run."""
     scene, methods = load_scene('fig7_top'), []
 
     def watched(model, *rest):
@@ -266,8 +266,8 @@ def methods_asked(monkeypatch, altered):
     return methods
 
 
-def test_work_that_runs_away_has_to_be_confirmed_by_a_still_finer_run(monkeypatch):
-    # A finer tolerance takes twice the work; where it takes ten times, it is not what limits it.
+def test_excessive_growth_of_the_work_requires_an_even_finer_run(monkeypatch):
+    # A finer tolerance takes twice the work; a factor of ten has another cause.
     def altered(run, methods):
         work = 1000 if len(methods) == 1 else 10_000
         return replace(run, effort=run.effort._replace(evaluations=work, events=0))
@@ -276,14 +276,14 @@ def test_work_that_runs_away_has_to_be_confirmed_by_a_still_finer_run(monkeypatc
         run, effort=run.effort._replace(evaluations=1000, events=0))) == ['adaptive'] * 2
 
 
-def test_runs_that_met_other_kinks_are_confirmed_by_another_method(monkeypatch):
-    # Two tolerances agreed on a ball to 0.9 um, by chance, where both were 9 um off.
+def test_runs_with_different_events_are_confirmed_by_another_method(monkeypatch):
+    # Two tolerances agreed to 0.9 um by chance, although both had an error of 9 um.
     def altered(run, methods):
         return replace(run, effort=run.effort._replace(events=len(methods), evaluations=1000))
     assert methods_asked(monkeypatch, altered) == ['adaptive', 'adaptive', 'implicit']
 
 
-def test_where_another_method_disagreed_once_it_has_to_agree_twice(monkeypatch):
+def test_after_one_disagreement_another_method_must_agree_twice(monkeypatch):
     def altered(run, methods):
         off = 0.01 if methods[-1] == 'implicit' and methods.count('implicit') == 1 else 0.0
         return replace(run, rows=run.rows + off, effort=run.effort._replace(
@@ -292,7 +292,7 @@ def test_where_another_method_disagreed_once_it_has_to_agree_twice(monkeypatch):
         'adaptive', 'implicit']
 
 
-def test_steps_that_are_stable_in_balance_and_too_long_are_refused():
+def test_steps_that_are_stable_at_equilibrium_but_too_long_are_refused():
     found = judge('fixed', 1002)
     assert found.verdict == REFUSED and 'are stable, but the ball is' in found.why
     case = make_case('fixed', 1002)
@@ -301,7 +301,7 @@ def test_steps_that_are_stable_in_balance_and_too_long_are_refused():
     assert caught.value.trajectory['time'][-1] == caught.value.time
 
 
-def test_a_system_unstable_with_explicit_steps_is_simulated_with_implicit_ones(monkeypatch):
+def test_a_system_unstable_with_explicit_steps_is_simulated_implicitly(monkeypatch):
     case, tried = make_case('combined', 5000292), []
 
     def watched(model, *rest):
@@ -323,7 +323,7 @@ def test_a_system_unstable_with_explicit_steps_is_simulated_with_implicit_ones(m
         simulate(explicit, case.start, case.actuation, case.duration, 0.04)
 
 
-def test_a_start_under_the_ground_is_refused_with_a_height_that_works():
+def test_a_start_below_the_ground_is_refused_with_a_valid_height():
     model = Model(SHELLBALL, Terrain.slope(0.5), solver=Solver('adaptive'))
     with refused('out_of_range', 'y', SimulationError) as caught:
         simulate(model, State(x=0.2, y=-0.1), Actuation(), 0.1)
@@ -333,7 +333,7 @@ def test_a_start_under_the_ground_is_refused_with_a_height_that_works():
     assert not model.touches(State(x=0.2, y=height + 1e-6))
 
 
-def test_ground_that_gives_way_is_refused_with_a_stiffness_that_carries():
+def test_too_soft_ground_is_refused_with_a_sufficient_stiffness():
     soft = replace(SHELLBALL, contact_stiffness=10.0)
     with refused('out_of_range', 'contact_stiffness') as caught:
         Model(soft, Terrain.flat()).at_rest(0.0)
@@ -343,7 +343,7 @@ def test_ground_that_gives_way_is_refused_with_a_stiffness_that_carries():
 
 
 @pytest.mark.parametrize('height, side', [(0.02, -1.0), (-0.1, 1.0)])
-def test_a_start_within_rounding_of_a_vertical_face_is_on_its_top(height, side):
+def test_a_start_within_rounding_of_a_vertical_face_is_on_top_of_it(height, side):
     model = Model(SHELLBALL, Terrain.step(height, at=0.5))
     for distance in (1e-9, 1e-12, 1e-16):
         start = model.at_rest(0.5 + side * distance)
@@ -355,7 +355,7 @@ def test_a_start_within_rounding_of_a_vertical_face_is_on_its_top(height, side):
     'combined:28', 'stiffness:11', 'penetration:6', 'fixed:5', 'fixed:4', 'fixed:22', 'fixed:1002',
     'combined:530', 'vertices:62', 'combined:1141', 'combined:1424', 'vertices:139',
     'combined:456'])
-def test_a_refusal_names_a_setting_with_which_the_case_works(which):
+def test_a_refusal_names_a_setting_that_makes_the_case_work(which):
     name, _, seed = which.partition(':')
     refused = refusal((name, int(seed)))
     assert refused is not None and remedy(refused).setting, refused

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is public of physics and crossing is shown by examples that run."""
+"""Runnable examples cover the public names of physics and crossing."""
 import ast
 import doctest
 
@@ -10,8 +10,8 @@ from ballbot_ros import crossing, physics
 FACADES = (crossing, physics)
 
 
-def shown(examples):
-    """Return the names that examples use."""
+def names_in(examples):
+    """Return the names that the examples use."""
     return {node.id for example in examples for node in ast.walk(ast.parse(example.source))
             if isinstance(node, ast.Name)}
 
@@ -26,5 +26,5 @@ def test_the_examples_run(facade):
 @pytest.mark.parametrize('facade', FACADES)
 def test_every_public_name_has_an_example(facade):
     examples = doctest.DocTestParser().get_examples(facade.__doc__)
-    assert set(facade.__all__) <= shown(examples)
+    assert set(facade.__all__) <= names_in(examples)
     assert all(getattr(facade, name) is not None for name in facade.__all__)

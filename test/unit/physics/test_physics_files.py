@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A malformed robot or scene file is refused with the place, the value and what is allowed."""
+"""Errors about malformed robot and scene files name the location, value and allowed values."""
 import math
 from pathlib import Path
 import re
@@ -36,7 +36,7 @@ def write(folder, text, name='mine.yaml'):
 
 
 def message_of(load, path):
-    """Return what is said about a file that must be refused; it always names the file."""
+    """Return the error message for a file that must be refused; it must name the file."""
     with pytest.raises(ConfigurationError) as caught:
         load(path)
     assert path in str(caught.value)
@@ -44,7 +44,7 @@ def message_of(load, path):
 
 
 def with_line(name, line):
-    """Return the text of the robot with the entry of a field replaced."""
+    """Return the text of the robot file with the entry of a field replaced."""
     text, count = re.subn(rf'(?ms)^{name}:.*?(?=^\S|\Z)', line + '\n', ROBOT)
     assert count == 1, name
     return text
@@ -93,12 +93,12 @@ def test_malformed_robots_are_refused(tmp_path, name, line, words):
         assert word in message, message
 
 
-def test_all_that_a_scene_lacks_is_named_together(tmp_path):
+def test_all_missing_fields_of_a_scene_are_reported_together(tmp_path):
     message = message_of(load_scene, write(tmp_path, 'output_step: 0.01'))
     assert 'duration is missing' in message and 'robot is missing' in message
 
 
-def test_all_errors_of_several_pieces_of_ground_are_named_together(tmp_path):
+def test_errors_of_several_terrain_pieces_are_reported_together(tmp_path):
     message = message_of(load_scene, write(
         tmp_path, 'robot: gimball\nduration: 1\nterrain: [step: {}, flat: {length: 1}, cord: {}]'))
     assert 'piece 1 (step): height is missing' in message
@@ -116,7 +116,7 @@ def test_all_errors_of_several_pieces_of_ground_are_named_together(tmp_path):
     ('a: !!python/object:os.system {}\n', ['not valid YAML']),
 ])
 @pytest.mark.parametrize('load', [load_robot, load_scene])
-def test_files_that_are_no_mapping_are_refused(tmp_path, load, text, words):
+def test_files_without_a_valid_mapping_are_refused(tmp_path, load, text, words):
     message = message_of(load, write(tmp_path, text))
     for word in words:
         assert word in message, message
@@ -231,7 +231,7 @@ def test_malformed_terrain_sections_are_refused(section, reason, field):
         read_terrain(section, 'here: terrain')
 
 
-def test_an_output_step_that_is_not_a_multiple_names_two_that_are(tmp_path):
+def test_an_output_step_that_is_not_a_multiple_is_refused(tmp_path):
     path = write(tmp_path, SCENE + 'output_step: 2.5e-4\nsolver: {method: rk4}\n')
     with refused('inconsistent', 'output_step'):
         load_scene(path).simulate()
@@ -248,7 +248,7 @@ def test_names_and_paths_that_do_not_exist_are_distinguished(tmp_path):
 
 # What is accepted -------------------------------------------------------------------------
 
-def test_robot_file_is_read_whole(gimball, shellball):
+def test_all_fields_of_a_robot_file_are_read(gimball, shellball):
     plain = yaml.safe_load(ROBOT)
     for name, entry in plain.items():
         if isinstance(entry, dict) and 'value' in entry:
@@ -260,12 +260,12 @@ def test_robot_file_is_read_whole(gimball, shellball):
     assert shellball.motor is None and not shellball.has_pendulum
 
 
-def test_no_number_of_the_empty_ball_is_derived_or_assumed(shellball):
+def test_no_parameter_of_the_empty_ball_is_derived_or_assumed(shellball):
     assert {item.source for item in shellball.provenance.values()} == {'published', 'repaired'}
 
 
 @pytest.mark.parametrize('robot', ['gimball', 'shellball'])
-def test_every_number_has_a_source_and_each_uncertain_one_a_range(robot):
+def test_each_parameter_has_a_source_and_each_uncertain_one_a_range(robot):
     robot = load_robot(robot)
     described = {name for name, item in Robot.__dataclass_fields__.items()
                  if item.metadata.get('kind') is float}
@@ -289,7 +289,7 @@ def test_a_scene_may_change_its_robot(tmp_path):
     assert scene.model.robot.motor == load_robot('gimball').motor
 
 
-def test_human_units_of_the_actuation_become_si(tmp_path):
+def test_actuation_inputs_are_converted_to_si_units(tmp_path):
     text = SCENE.replace('law: voltage, voltage: 5.0', 'law: position, set_angle_deg: 90')
     assert load_scene(write(tmp_path, text)).actuation.set_angle == math.pi / 2
     text = SCENE.replace('law: voltage, voltage: 5.0', 'law: velocity, set_speed: 0.452')
@@ -305,7 +305,7 @@ def test_each_scene_of_the_package_loads_by_name_and_by_path(path):
     assert by_name.actuation == by_path.actuation
 
 
-def test_pieces_follow_one_another():
+def test_terrain_pieces_are_joined_end_to_end():
     terrain = read_terrain([
         {'flat': {'length': 1.0}}, {'step': {'height': 0.03}},
         {'slope': {'length': 2.0, 'rise': 0.1}}, {'flat': {'length': 0.5, 'friction': 0.5}}], 't')
@@ -316,7 +316,7 @@ def test_pieces_follow_one_another():
         [0.0, 0.03, 0.08, 0.13], rel=1e-12)
 
 
-def test_round_pieces_are_as_high_and_wide_as_they_say():
+def test_round_pieces_have_the_given_height_and_width():
     for piece, width, height in (({'cord': {'diameter': 0.008}}, 0.008, 0.008),
                                  ({'carpet': {'thickness': 0.006, 'length': 1.0}}, 1.0, 0.006)):
         inner = read_terrain([piece], 't').vertices[1:-1]
@@ -325,7 +325,7 @@ def test_round_pieces_are_as_high_and_wide_as_they_say():
         assert inner[-1, 1] == pytest.approx(0.0, abs=1e-15)
 
 
-def test_a_constant_of_a_checked_class_is_checked_too():
+def test_constructor_arguments_of_checked_classes_are_checked():
     for make, reason, field in (
             (lambda: Solver(step=-1.0), 'out_of_range', 'step'),
             (lambda: Actuation(law='x'), 'not_a_choice', 'law'),
@@ -335,8 +335,8 @@ def test_a_constant_of_a_checked_class_is_checked_too():
             make()
 
 
-def test_the_examples_of_this_file_are_files_of_today(tmp_path):
-    # What all the malformed ones are variations of is well formed.
+def test_the_templates_of_this_file_are_valid(tmp_path):
+    # All malformed files above are variations of these two.
     assert load_robot(write(tmp_path, ROBOT)) == load_robot('gimball')
     assert load_scene(write(tmp_path, SCENE)).name == 'mine'
     assert Path(write(tmp_path, SCENE)).is_file()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flight in closed form: the full model without its steps, and a touch-down never passed."""
+"""Closed-form flight agrees with the full model and never passes a touchdown."""
 from dataclasses import replace
 import math
 
@@ -24,7 +24,7 @@ START = State(x=0.0, y=1.0, pendulum_angle=0.5, velocity_x=1.0, velocity_y=0.5, 
 
 
 def fly(model, start, actuation, time):
-    """Return the state after a time of flight."""
+    """Return the state vector after the given flight time [s]."""
     actuator, vector = actuation.actuator(model.robot), np.array(start[1:])
     out = np.zeros(SIZE)
     spin = flight.spin_start(vector, model.parameters, actuator)
@@ -43,7 +43,7 @@ def touch(model, start, actuation, most=3.0, width=1e-12):
     {}, {'rolling_friction': 0.0}, {'joint_friction': 0.0}, {'joint_friction': 8.0},
     {'rolling_friction': 0.0, 'joint_friction': 0.0}, {'pendulum_length': 0.0}], ids=str)
 @pytest.mark.parametrize('actuation', LAWS, ids=lambda law: law.law)
-def test_it_is_the_full_model_without_contact(changes, actuation):
+def test_closed_form_flight_equals_the_full_model_without_contact(changes, actuation):
     solver = Solver('adaptive', tolerance=1e-13, models='full')
     model = Model(replace(GIMBALL, **changes), Terrain([[0.0, -9.0], [1.0, -9.0]]), solver=solver)
     full = simulate(model, START, actuation, 0.4, 0.1)
@@ -52,7 +52,7 @@ def test_it_is_the_full_model_without_contact(changes, actuation):
         assert found == pytest.approx(row[1:-1], abs=2e-9)
 
 
-def test_a_ball_without_pendulum_flies_a_parabola_and_spins_down():
+def test_a_ball_without_pendulum_follows_a_parabola_and_its_spin_decays():
     start = State(y=2.0, velocity_x=1.0, ball_rate=-10.0)
     found = fly(Model(SHELLBALL, Terrain.flat()), start, Actuation(), 0.5)
     decay = math.exp(-SHELLBALL.rolling_friction / SHELLBALL.ball_inertia * 0.5)
@@ -66,7 +66,7 @@ def test_a_ball_without_pendulum_flies_a_parabola_and_spins_down():
 @given(some.floats(1e-6, 0.6), some.sampled_from(LAWS), some.floats(-9, 9), some.floats(-9, 9))
 @example(0.0117, Actuation(), 1.1e-159, 1.1e-159)
 @example(4e-6, Actuation(), 20.2, 20.2)
-def test_the_energy_balances(time, actuation, ball_rate, pendulum_rate):
+def test_the_energy_balance_of_a_flight_closes(time, actuation, ball_rate, pendulum_rate):
     model = Model(GIMBALL, Terrain.flat())
     start = START._replace(ball_rate=ball_rate, pendulum_rate=pendulum_rate)
 
@@ -79,7 +79,7 @@ def test_the_energy_balances(time, actuation, ball_rate, pendulum_rate):
     assert found[JOINT_LOSS] >= 0.0 and found[ROLLING_LOSS] >= 0.0
 
 
-def test_a_drop_touches_when_galileo_says():
+def test_the_time_of_a_drop_follows_the_law_of_free_fall():
     start = State(y=SHELLBALL.ball_radius + 0.7)
     found = touch(Model(SHELLBALL, Terrain.flat()), start, Actuation())
     assert found == pytest.approx(math.sqrt(2.0 * 0.7 / SHELLBALL.gravity), abs=2e-12)
@@ -88,7 +88,7 @@ def test_a_drop_touches_when_galileo_says():
 @settings(max_examples=60)
 @given(some.floats(-0.5, 2.2), some.floats(0.45, 1.5), some.floats(-3, 3), some.floats(-2, 3),
        some.floats(-9, 9), some.booleans())
-def test_the_first_touch_is_not_passed_and_is_a_touch(x, y, velocity_x, velocity_y, swing, ball):
+def test_the_first_contact_is_found_and_not_passed(x, y, velocity_x, velocity_y, swing, ball):
     robot = SHELLBALL if ball else GIMBALL
     start = State(x=x, y=y, velocity_x=velocity_x, velocity_y=velocity_y,
                   pendulum_rate=0.0 if ball else swing)
@@ -106,7 +106,7 @@ def test_the_first_touch_is_not_passed_and_is_a_touch(x, y, velocity_x, velocity
 
 
 @pytest.mark.slow
-def test_a_ball_that_is_released_is_not_pushed_before_it_touches_again():
+def test_a_released_ball_is_force_free_until_its_next_contact():
     draw, flown, refused = np.random.default_rng(5), 0, 0
     for _ in range(2000):
         robot = SHELLBALL if draw.random() < 0.5 else GIMBALL
@@ -135,11 +135,11 @@ def test_a_ball_that_is_released_is_not_pushed_before_it_touches_again():
             assert contact.contact_loads(
                 later, model.parameters, model.profile, mode.contacts)[:2] == (0.0, 0.0)
         flown += 1
-    assert flown > 100 and refused > 10  # a slow one may fall back onto the ground
+    assert flown > 100 and refused > 10  # a slow ball may fall back onto the ground
 
 
 @pytest.mark.parametrize('robot', [SHELLBALL, GIMBALL], ids=lambda robot: robot.name)
-def test_a_ball_that_bounces_loses_what_is_in_the_spring_that_releases_it(robot):
+def test_a_bouncing_ball_loses_the_spring_energy_at_release(robot):
     start = State(y=robot.ball_radius + 0.05, velocity_x=0.5, ball_rate=3.0)
     auto, full = (simulate(
         Model(robot, Terrain.flat(), solver=Solver('adaptive', tolerance=1e-12, models=models)),
@@ -150,7 +150,7 @@ def test_a_ball_that_bounces_loses_what_is_in_the_spring_that_releases_it(robot)
     assert np.sum(pulled) > 3
 
 
-def test_a_motor_that_might_meet_its_limit_is_not_flown():
+def test_only_flights_within_the_motor_limit_have_a_closed_form():
     weak, strong = (Actuation('voltage', voltage=9.0, torque_limit=limit).actuator(GIMBALL)
                     for limit in (1.0, 9.0))
     parameters, vector = Model(GIMBALL, Terrain.flat()).parameters, np.array(START[1:])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contact by Hunt and Crossley: restitution in closed form, energy balance, selection."""
+"""Hunt-Crossley contact: closed-form restitution, energy balance, and selection of the law."""
 import math
 
 import numpy as np
@@ -31,7 +31,7 @@ def restitution(dissipation, speed):
 
 @pytest.mark.parametrize('method', ['adaptive', 'explicit', 'implicit', 'rk4', 'trapezoidal'])
 @pytest.mark.parametrize('dissipation, speed', [(0.2, 0.5), (1.0, 0.5), (1.0, 2.0), (5.0, 1.0)])
-def test_restitution_is_that_of_the_closed_form(method, dissipation, speed):
+def test_the_restitution_agrees_with_the_closed_form(method, dissipation, speed):
     robot = SHELLBALL.replace(gravity=0.0, surface_friction=0.0, rolling_friction=0.0,
                               contact_dissipation=dissipation, **CLOSED)
     solver = Solver(method, 1e-5, 1e-11)
@@ -43,7 +43,7 @@ def test_restitution_is_that_of_the_closed_form(method, dissipation, speed):
         restitution(dissipation, speed), abs=tolerance)
 
 
-def test_the_force_sets_in_without_a_jump_and_never_pulls():
+def test_the_force_is_continuous_at_first_contact_and_never_pulls():
     robot = SHELLBALL.replace(contact_dissipation=3.0, **CLOSED)
     model = Model(robot, Terrain.flat())
     start = State(y=robot.ball_radius + 1e-3, velocity_y=-1.0)
@@ -66,7 +66,7 @@ def test_the_energy_balance_of_every_scene_closes(name):
     assert np.max(np.abs(run.energy_residual)) < 1e-6 * run.energy_in_play
 
 
-def test_a_scene_file_selects_it():
+def test_a_scene_file_selects_the_hunt_crossley_law():
     scene = read_scene({'robot': 'gimball', 'duration': 0.1, 'robot_changes': {
         'contact_law': 'hunt_crossley', 'contact_dissipation': 0.5}}, 'here', 'mine')
     assert scene.model.parameters.dissipation == 0.5 * GIMBALL.contact_stiffness

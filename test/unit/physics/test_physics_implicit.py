@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Implicit methods: their order, their damping, and that they agree with the explicit one."""
+"""Implicit methods: order, damping, and agreement with the explicit method."""
 from dataclasses import replace
 import math
 
@@ -28,7 +28,7 @@ def with_solver(scene, **solver):
 
 
 @pytest.mark.parametrize('name', MOVING)
-def test_all_methods_with_chosen_steps_agree(name):
+def test_all_methods_with_adaptive_steps_agree(name):
     scene = load_scene(name)
     end = with_solver(scene, method='explicit', tolerance=1e-11).simulate()['x'][-1]
     for method in ('implicit', 'adaptive'):
@@ -38,7 +38,7 @@ def test_all_methods_with_chosen_steps_agree(name):
 
 
 def implicit_step(model, state, step, actuation=Actuation()):
-    """Return the state after one step, and at three times within it."""
+    """Return the state after one step, the states at three times within it, and the error."""
     system = System(model.parameters, model.profile,
                     actuation.actuator(model.robot, 0.0, state.joint_angle))
     workspace = Workspace.of(len(model.profile))
@@ -52,9 +52,9 @@ def implicit_step(model, state, step, actuation=Actuation()):
     return end, middle, error
 
 
-def test_a_step_has_local_order_six_its_estimate_and_interpolation_five():
-    # A swinging pendulum on a rolling ball that presses on its floor, driven by law (12); with
-    # friction soft enough for the order to show at steps whose error is above rounding.
+def test_a_step_has_local_order_six_and_its_estimate_and_interpolation_five():
+    # A rolling ball with a swinging pendulum, driven by law (12).  The friction ramp is wide
+    # enough to show the order at step sizes whose error is above rounding.
     model = Model(replace(GIMBALL, slip_threshold=0.5), Terrain.flat())
     state = model.at_rest(0.0, 0.5, 1.0)._replace(pendulum_rate=2.0)
     actuation = Actuation('velocity', set_rate=3.0, velocity_kp=0.1, velocity_ki=0.5)
@@ -76,7 +76,7 @@ def test_a_step_has_local_order_six_its_estimate_and_interpolation_five():
 
 
 def growth(z):
-    """Return by what a step of the implicit method multiplies y, for y' = z y / h."""
+    """Return the stability function of the implicit method: y1 / y0 for y' = z y / h."""
     stages, start = [], 1.0
     for stage in range(rodas5p.STAGES):
         if stage <= rodas5p.OWN_START:
@@ -92,15 +92,15 @@ def test_the_implicit_method_is_of_order_five_and_l_stable():
     errors = [abs(growth(z) - math.exp(z)) for z in (-0.4, -0.2)]
     assert math.log2(errors[0] / errors[1]) > 5.9
     assert abs(growth(-1e8)) < 1e-6
-    # Nowhere on the imaginary axis, nor left of it, does anything grow.
+    # No growth on the imaginary axis, and therefore none in the left half-plane.
     assert max(abs(growth(complex(0.0, y))) for y in np.geomspace(1e-2, 1e5, 2000)) < 1 + 1e-9
 
 
-def test_one_long_step_damps_a_slip_that_would_make_an_explicit_step_diverge():
+def test_one_long_implicit_step_damps_a_slip_that_explicit_steps_cannot():
     model = Model(GIMBALL, Terrain.flat(), solver=Solver('explicit', tolerance=1e-11))
     state = model.at_rest(0.0, 0.5)._replace(ball_rate=-0.5 / 0.2244 + 0.01)
     slip = model.touches(state)[0].slip_velocity
-    # A step some twenty times as long as the slip takes to die out.
+    # A step about twenty times as long as the decay time of the slip.
     end, _, _ = implicit_step(model, state, 0.02)
     later = model.touches(State(0.02, *end))[0].slip_velocity
     exact = model.touches(model.advance(state, Actuation().actuator(GIMBALL), 200))
@@ -108,7 +108,7 @@ def test_one_long_step_damps_a_slip_that_would_make_an_explicit_step_diverge():
     assert abs(later - exact[0].slip_velocity) < 0.1 * abs(slip)
 
 
-def test_rolling_for_a_minute_takes_a_thousandth_of_the_steps_of_a_fixed_one():
+def test_rolling_for_a_minute_takes_few_adaptive_steps():
     model = Model(GIMBALL, Terrain.flat(), solver=Solver('adaptive', tolerance=1e-6))
     run = simulate(model, model.at_rest(0.0, 1.0), Actuation(), 60.0, 1.0)
     exact = simulate(replace(model, solver=Solver('explicit', tolerance=1e-11)),
@@ -127,7 +127,7 @@ def test_a_tiny_slip_threshold_costs_the_implicit_method_little_and_the_explicit
     assert effort('adaptive', 1e-4) < 3 * effort('adaptive', 1e-2)
 
 
-def test_the_adaptive_method_is_explicit_where_accuracy_limits_the_step_and_else_implicit():
+def test_the_adaptive_method_uses_explicit_steps_only_if_accuracy_limits_them():
     def effort(method, tolerance):
         scene = with_solver(load_scene('fig7_top'), method=method, tolerance=tolerance)
         return scene.simulate().effort.evaluations
@@ -135,7 +135,7 @@ def test_the_adaptive_method_is_explicit_where_accuracy_limits_the_step_and_else
     assert effort('adaptive', 1e-6) < 0.8 * effort('explicit', 1e-6)
 
 
-def test_stiff_gains_are_no_reason_for_short_steps():
+def test_stiff_gains_do_not_require_short_steps():
     actuation = replace(held_at(0.5), position_kp=4e4, position_kd=1e4)
     model = Model(GIMBALL, Terrain.flat(), solver=Solver('adaptive', tolerance=1e-8))
     run = simulate(model, model.at_rest(0.0), actuation, 1.0)
@@ -156,7 +156,7 @@ def test_the_trapezoidal_rule_is_of_order_two():
     assert math.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.3)
 
 
-def test_the_trapezoidal_rule_keeps_the_energy_of_an_undamped_spring():
+def test_the_trapezoidal_rule_conserves_the_energy_of_an_undamped_spring():
     robot = replace(load_robot('shellball'), contact_damping=0.0, rolling_friction=0.0)
     model = Model(robot, Terrain.flat(), solver=Solver('trapezoidal', step=1e-3, tolerance=1e-9))
     rest = model.at_rest(0.0)
@@ -167,7 +167,7 @@ def test_the_trapezoidal_rule_keeps_the_energy_of_an_undamped_spring():
     assert np.max(np.abs(total - total[0])) < 1e-4 * swing
 
 
-def test_the_recipe_of_the_paper_gives_its_figure_and_is_a_name():
+def test_the_preset_paper_reproduces_the_figure_and_is_selected_by_name():
     assert PRESETS['paper'] == Solver('trapezoidal', step=1e-3, tolerance=1e-9)
     scene = read_scene({'robot': 'gimball', 'solver': 'paper', 'duration': 0.1}, 'here', 'rest')
     assert scene.model.solver == PRESETS['paper']
@@ -181,7 +181,7 @@ def test_the_recipe_of_the_paper_gives_its_figure_and_is_a_name():
 
 
 @pytest.mark.parametrize('method', ['implicit', 'trapezoidal'])
-def test_a_run_beyond_its_work_budget_ends_with_what_to_do(method):
+def test_a_run_beyond_its_work_budget_is_refused(method):
     model = Model(GIMBALL, Terrain.flat(), solver=Solver(method, work_budget=50))
     with refused('over_budget', 'work_budget', SimulationError):
         simulate(model, model.at_rest(0.0, 0.5), Actuation(), 5.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Each integrator has the order that it claims, and loses it at the kinks of the contact."""
+"""Each integrator has its stated order, and first order at the kinks of the contact law."""
 from dataclasses import replace
 import math
 
@@ -14,7 +14,7 @@ GIMBALL = load_robot('gimball')
 SHELLBALL = load_robot('shellball')
 FIXED = [name for name, method in METHODS.items() if method.fixed]
 
-# (start, actuation), the start None for that of a ball that rolls: smooth throughout.
+# (start, actuation) of smooth motions; the start None selects a rolling ball.
 SMOOTH = {
     'flight under law (11)': (
         State(y=9.0, velocity_x=1.0, ball_rate=-5.0, pendulum_angle=0.3, pendulum_rate=2.0),
@@ -26,10 +26,10 @@ SMOOTH = {
 
 
 def end_state(name, method, steps):
-    """Return where a second of a smooth motion ends, as an array."""
+    """Return the state after one second of a smooth motion, as an array."""
     start, actuation = SMOOTH[name]
     start = start or Model(GIMBALL, Terrain.flat()).at_rest(0.0, 0.5, 0.6)
-    # Rolling with the full grip of eq. (9) decays too fast for the coarse steps; take less.
+    # The slip of eq. (9) decays too fast for the coarse steps, so the threshold is increased.
     robot = replace(GIMBALL, slip_threshold=0.5, contact_damping=500.0)
     model = Model(robot, Terrain.flat(), ContactOptions(friction_ramp='smooth'),
                   Solver(method, 1.0 / steps))
@@ -38,7 +38,7 @@ def end_state(name, method, steps):
 
 @pytest.mark.parametrize('method', FIXED)
 @pytest.mark.parametrize('name', SMOOTH)
-def test_measured_order_is_the_claimed_one(name, method):
+def test_the_measured_order_equals_the_stated_order(name, method):
     counts = [400, 800, 1600] if method == 'rk4' else [8000, 16000, 32000]
     truth = end_state(name, 'rk4', 20000)
     errors = [np.abs(end_state(name, method, count) - truth).max() for count in counts]
@@ -47,15 +47,15 @@ def test_measured_order_is_the_claimed_one(name, method):
 
 
 def bounced(method, step, drop):
-    """Return the speed after a bounce that begins at any moment within a step."""
+    """Return the speed after a bounce; `drop` sets the time of contact within a step."""
     model = Model(SHELLBALL, Terrain.flat(), solver=Solver(method, step))
     start = State(y=SHELLBALL.ball_radius + drop, velocity_y=-1.0)
     return model.advance(start, Actuation().actuator(SHELLBALL), round(0.03 / step)).velocity_y
 
 
 @pytest.mark.parametrize('method', FIXED)
-def test_through_the_kinks_of_a_bounce_only_the_first_order_is_left(method):
-    # The damper of eq. (7) sets in immediately, somewhere within a step: an average over where.
+def test_the_kinks_of_a_bounce_reduce_the_order_to_one(method):
+    # The damper force of eq. (7) jumps at a time within a step; average over that time.
     drops = np.linspace(1e-4, 3e-4, 23)
     steps = [1e-4, 5e-5, 2.5e-5, 1.25e-5]
     truth = np.array([bounced('rk4', 5e-7, drop) for drop in drops])
@@ -65,7 +65,7 @@ def test_through_the_kinks_of_a_bounce_only_the_first_order_is_left(method):
     assert order == pytest.approx(1.0, abs=0.15)
 
 
-def test_semi_implicit_keeps_the_energy_of_an_undamped_spring_within_a_bound():
+def test_semi_implicit_euler_bounds_the_energy_error_of_an_undamped_spring():
     robot = replace(SHELLBALL, contact_damping=0.0)
     model = Model(robot, Terrain.flat(), solver=Solver('semi_implicit', 5e-4))
     state = model.at_rest(0.0)._replace(velocity_y=0.01)
@@ -80,8 +80,8 @@ def test_semi_implicit_keeps_the_energy_of_an_undamped_spring_within_a_bound():
     assert max(misses) < 1.1 * max(misses[:20])
 
 
-def test_the_law_with_time_in_it_is_evaluated_within_the_step():
-    # (12) with an integral: the set-point moves on during the step.
+def test_a_time_dependent_law_is_evaluated_within_the_step():
+    # Law (12) with an integral: the reference advances during the step.
     model = Model(GIMBALL, Terrain.flat(), solver=Solver(step=2e-3))
     fine = replace(model, solver=Solver(step=1e-4))
     drive = Actuation('velocity', set_rate=30.0, velocity_kp=0.0, velocity_ki=5.0,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The derivative of the equations of motion, written by hand, is the derivative."""
+"""The analytical Jacobian of the equations of motion agrees with finite differences."""
 from dataclasses import replace
 
 from hypothesis import assume, example, given
@@ -15,13 +15,13 @@ from ballbot_ros.physics.model.state import PENDULUM_ANGLE
 ROBOTS = {name: load_robot(name) for name in ('gimball', 'shellball')}
 ROBOTS['dissipative'] = replace(ROBOTS['gimball'], contact_law='hunt_crossley',
                                 contact_dissipation=0.7)
-# Two segments at an angle that leave no concave corner, and an edge between them.
+# Two segments with a convex edge between them, and no concave corner.
 RIDGE = Terrain([[-1.0, 0.0], [0.0, 0.05], [1.0, -0.1]])
 DELTA = 1e-6
 
 
 def rates_and_slopes(model, actuation, vector, time=0.5):
-    """Return the rates as a function of time and state in the mode of a state, and slopes."""
+    """Return the rates of a mode as a function, the Jacobian, its completeness, the count."""
     system = System(model.parameters, model.profile, actuation.actuator(model.robot, 0.0, 0.1))
     mode, out = modes.ContactMode.of(len(model.profile)), modes.jacobian_table()
     count = modes.find_mode(time, vector, system, mode)
@@ -37,13 +37,13 @@ def rates_and_slopes(model, actuation, vector, time=0.5):
 
 
 def differences(rates, vector, time=0.5):
-    """Return the slopes by central differences, extrapolated to none (error of fourth order)."""
+    """Return the Jacobian by Richardson-extrapolated central differences (fourth order)."""
     return (4.0 * central(rates, vector, time, DELTA / 2.0)
             - central(rates, vector, time, DELTA)) / 3.0
 
 
 def central(rates, vector, time, delta):
-    """Return the slopes by central differences."""
+    """Return the Jacobian by central differences (second order)."""
     found = np.zeros((4, 9))
     for column in range(8):
         shift = np.zeros(13)
@@ -70,11 +70,11 @@ actuations = some.builds(
     torque=some.just(0.5), velocity_ki=some.just(3.0), torque_limit=some.sampled_from([1e9, 0.3]))
 
 
-# A contact so shallow that differences of second order miss the slope by 1.4e-5.
+# A contact so shallow that second-order differences have an error of 1.4e-5.
 @example('gimball', np.array([0, 0, 0, 0, -1 / 0.226, 0, 1, 0, 0, 0, 0, 0, 0, 1e-5]),
          ContactOptions(pulling=False, friction_ramp='smooth', slip_lever='contact'), Actuation())
 @given(some.sampled_from(sorted(ROBOTS)), vectors, options, actuations)
-def test_the_slopes_are_those_of_central_differences(name, vector, choice, actuation):
+def test_the_jacobian_agrees_with_central_differences(name, vector, choice, actuation):
     robot = ROBOTS[name]
     actuation = actuation if robot.has_pendulum else Actuation()
     model, depth, vector = Model(robot, RIDGE, choice), vector[13], vector[:13].copy()
@@ -82,7 +82,7 @@ def test_the_slopes_are_those_of_central_differences(name, vector, choice, actua
     vector[3] = near.y + robot.static_penetration - depth
     rates, slopes, complete, count = rates_and_slopes(model, actuation, vector)
     assert complete
-    # A ramp that ends within the differences bends them.
+    # Differences across the end of the friction ramp are invalid.
     assume(not any(abs(abs(touch_slip) / robot.slip_threshold - 1.0) < 1e-3
                    for touch_slip in slips(model, vector)))
     expected = differences(rates, vector)
@@ -91,12 +91,12 @@ def test_the_slopes_are_those_of_central_differences(name, vector, choice, actua
 
 
 def slips(model, vector):
-    """Return the slip of each contact."""
+    """Return the slip velocity of each contact [m/s]."""
     from ballbot_ros.physics import State
     return [touch.slip_velocity for touch in model.touches(State(0.5, *vector))]
 
 
-def test_a_corner_makes_the_derivative_incomplete_and_says_so():
+def test_the_jacobian_is_reported_incomplete_at_a_corner():
     floor = Terrain([[-1.0, 0.0], [0.0, 0.0], [1.0, 0.01]])
     model = Model(ROBOTS['gimball'], floor)
     vector = np.array(model.at_rest(-0.001)[1:])
@@ -104,19 +104,19 @@ def test_a_corner_makes_the_derivative_incomplete_and_says_so():
     assert count == 3 and not complete
 
 
-def test_a_ball_without_a_pendulum_has_no_slopes_of_one():
+def test_the_jacobian_has_no_pendulum_entries_without_a_pendulum():
     robot = replace(ROBOTS['shellball'])
     model = Model(robot, Terrain.flat())
     _, slopes, _, _ = rates_and_slopes(model, Actuation(), np.array(model.at_rest(0.0, 0.5)[1:]))
     assert not slopes[modes.PENDULUM].any() and not slopes[:, [0, 1, 5]].any()
 
 
-def test_a_hanging_pendulum_on_a_floor_has_the_slopes_that_one_writes_on_paper():
+def test_the_jacobian_of_a_hanging_pendulum_agrees_with_the_closed_form():
     robot = ROBOTS['gimball']
     model = Model(robot, Terrain.flat())
     vector = np.array(model.at_rest(0.0)[1:])
     _, slopes, _, _ = rates_and_slopes(model, Actuation(), vector)
-    # The floor carries the weight, so that gravity pulls the pendulum back.
+    # The floor supports the weight, so gravity restores the pendulum.
     moment = robot.pendulum_mass * robot.pendulum_length
     inertia = robot.pendulum_inertia + moment * robot.pendulum_length * (
         robot.ball_mass / robot.total_mass)

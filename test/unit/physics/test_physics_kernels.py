@@ -18,7 +18,7 @@ def kernels(text):
 
 
 def faults(kernel):
-    """Yield what is wrong with a kernel."""
+    """Yield the type annotation errors of a kernel."""
     if kernel.args.vararg or kernel.args.kwonlyargs:
         yield 'parameters that numba does not take'
     kinds = {item.arg: item.annotation for item in kernel.args.args} | {'return': kernel.returns}

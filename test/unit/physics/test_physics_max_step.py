@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The fast search gives the answers of the reference, and its error is an upper bound."""
+"""The fast search agrees with the reference search, and its error is an upper bound."""
 from dataclasses import replace
 import math
 
@@ -43,19 +43,19 @@ def reference(robot, speed, actuation, tolerance=2e-5, **rest):
 
 
 @pytest.mark.parametrize('drive', [*slow(*list(DRIVES)[:-1]), *list(DRIVES)[-1:]])
-def test_the_answers_are_those_of_the_reference(drive):
+def test_the_heights_agree_with_the_reference(drive):
     robot, law = DRIVES[drive]
     for speed in (0.25, 0.65, 1.1):
         found = max_step_height(robot, speed, law(speed), accuracy=1e-5)
         known = reference(robot, speed, law(speed))
-        # The reference is the lower end of its bracket; its steps of 0.1 ms cost 10 um.
+        # The reference is the lower end of its bracket; its 0.1 ms steps add an error of 10 um.
         assert known - 1e-5 <= found.height + found.error
         assert found.height - found.error <= known + 2e-5 + 1e-5
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('site', SITES)
-def test_the_answers_are_those_of_the_reference_on_any_ground(site):
+def test_the_heights_agree_with_the_reference_on_any_ground(site):
     for drive in ('free', 'velocity'):
         robot, law = DRIVES[drive]
         found = max_step_height(robot, 0.7, law(0.7), accuracy=1e-5, site=SITES[site])
@@ -75,28 +75,28 @@ def test_a_stricter_search_stays_within_the_error(drive):
             assert abs(found.height - best.height) <= found.error + best.error
 
 
-def test_slopes_and_frictions_act_as_they_must():
+def test_slopes_and_frictions_change_the_height_in_the_expected_direction():
     def height(**site):
         return max_step_height(GIMBALL, 0.7, site=Site(**site)).height
     plain = height()
     assert height(slope_before=-0.1) > plain > height(slope_before=0.1)
-    # Over is who has passed the edge: on a slope up that is a part of the slope, too.
+    # A ball has crossed when it has passed the edge; uphill it must also climb some slope.
     assert plain > height(slope_behind=0.3) + 5e-3
     assert height(slope_behind=-0.3) == pytest.approx(plain, abs=1e-4)
     assert height(friction_edge=0.5) > plain > height(friction_edge=0.02)
-    # The robot's own frictions, said aloud.
+    # The friction of the robot, given explicitly.
     assert height(friction_before=0.22, friction_behind=0.22, friction_edge=0.144) == plain
 
 
 def crossing_of(speed, actuation=Actuation(), rules=Rules()):
-    """Return the crossing of the plain site by GIMball."""
+    """Return the crossing of the default site by GIMball."""
     return Crossing.of(rules.course(speed, actuation.set_angle), System(
         PARAMETERS, Site().profile(GIMBALL), actuation.actuator(GIMBALL)), 10**8)
 
 
 @pytest.mark.slow
-def test_a_ball_without_motor_is_given_up_early_but_never_wrongly():
-    # A motor that gives no torque moves nothing else, but nothing can be concluded from energy.
+def test_attempts_without_a_motor_end_early_with_the_same_verdict():
+    # A motor with zero torque gives the same motion but disables the energy criterion.
     for speed in (0.4, 0.9):
         threshold = max_step_height(GIMBALL, speed).height
         times = []
@@ -126,7 +126,7 @@ def test_the_ball_starts_at_its_first_touch_with_the_collision_speed():
             assert math.hypot(start.velocity_x, start.velocity_y) == pytest.approx(0.8)
             assert math.atan2(start.velocity_y, start.velocity_x) == pytest.approx(before)
             model = Model(GIMBALL, Site(slope_before=before).terrain(height))
-            # All contacts but that of the floor have just started, or not quite.
+            # All contacts except the floor contact are at zero penetration within rounding.
             floor = max(model.touches(start), key=lambda touch: touch.penetration)
             assert floor.normal_force == pytest.approx(
                 GIMBALL.weight * math.cos(before), rel=1e-9)
@@ -134,7 +134,7 @@ def test_the_ball_starts_at_its_first_touch_with_the_collision_speed():
 
 
 @pytest.mark.slow
-def test_the_verdict_is_what_a_whole_run_shows():
+def test_the_verdict_agrees_with_a_complete_run():
     for height, verdict in ((0.015, OVER), (0.025, BACK)):
         found, _, _ = attempt(height, 1e-8, crossing_of(0.6))
         assert found == verdict
@@ -145,7 +145,7 @@ def test_the_verdict_is_what_a_whole_run_shows():
         assert bool((run['x'] > 0.0).any()) == (verdict == OVER)
 
 
-def test_a_wound_up_pendulum_may_win_at_a_later_attempt():
+def test_integral_windup_may_let_a_later_attempt_succeed():
     law = rolling(GIMBALL)(0.2)
     first = max_step_height(GIMBALL, 0.2, law, scan=10)
     later = max_step_height(GIMBALL, 0.2, law, rules=Rules(attempts='any'))
@@ -162,14 +162,14 @@ def test_a_bouncing_ball_whose_later_attempts_count_is_reported_as_not_monotone(
     assert max_step_height(SHELLBALL, 1.2).monotone is None
 
 
-def test_a_ball_that_presses_against_the_step_indefinitely_has_failed():
+def test_a_ball_that_keeps_pressing_against_the_step_has_failed():
     crossing = crossing_of(0.05, held_at(math.pi / 2), Rules(time_limit=1.0))
     verdict, score, _ = attempt(0.005, 1e-8, crossing)
     assert verdict == UNDECIDED and score < 0.0
     assert crossing.last[1] == pytest.approx(1.0)
 
 
-def test_the_peak_of_a_throw_is_exact():
+def test_the_peak_of_a_parabola_is_exact():
     # x = v t - a t^2 / 2
     speed, deceleration, duration = 1.3, 9.0, 0.2
     end = speed * duration - 0.5 * deceleration * duration**2
@@ -179,7 +179,7 @@ def test_the_peak_of_a_throw_is_exact():
     assert peak(2.0, -1.0, 1.0, -1.0, 1.0) == 2.0
 
 
-def test_threads_change_nothing():
+def test_the_number_of_threads_does_not_change_the_result():
     speeds = np.linspace(0.2, 1.2, 9)
     alone = max_step_heights(GIMBALL, speeds, rolling(GIMBALL), threads=1)
     assert max_step_heights(GIMBALL, speeds, rolling(GIMBALL), threads=4) == alone
@@ -190,7 +190,7 @@ def test_the_cruising_voltage_rolls_the_ball_at_its_speed():
     model = Model(GIMBALL, Site().terrain(0.05))
     law = cruising(GIMBALL)(0.6)
     run = simulate(model, model.at_rest(-3.0, 0.6), law, 3.0)
-    # It rolls on its radius less the penetration.
+    # The rolling radius is the radius less the penetration.
     rolled = 0.6 * (1.0 - GIMBALL.static_penetration / GIMBALL.ball_radius)
     assert np.mean(run['velocity_x'][-1000:]) == pytest.approx(rolled, rel=1e-3)
 
@@ -207,7 +207,7 @@ def test_impossible_searches_are_refused(change, reason, field):
         max_step_height(**{'robot': GIMBALL, 'speed': 0.6, **change})
 
 
-def test_an_attempt_that_cannot_go_on_reports_when_and_why():
+def test_a_failed_attempt_reports_time_and_reason():
     soft = replace(GIMBALL, contact_stiffness=300.0)
     with refused('penetrated', 'y', SimulationError):
         max_step_height(soft, 3.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A state is a value, a model maps it to a later one, and says why where it cannot."""
+"""A model maps a state to a later state, or raises an error that gives the reason."""
 from dataclasses import FrozenInstanceError, replace
 from functools import cache, partial
 import math
@@ -23,7 +23,7 @@ LAW = Actuation('velocity', set_rate=3.0, velocity_ki=2.0)
 DRIVE = LAW.actuator(GIMBALL)
 
 
-# A pure function --------------------------------------------------------------------------
+# Pure function ----------------------------------------------------------------------------
 
 def test_advance_is_a_pure_function():
     start = State(*at_start())
@@ -31,21 +31,21 @@ def test_advance_is_a_pure_function():
     MODEL.advance(MODEL.at_rest(-1.0, 2.0), DRIVE, 777)  # something else in between
     assert MODEL.advance(start, DRIVE, 2000) == first
     assert start == at_start()
-    # Another object that says the same, which has touched nothing before.
+    # An equal model that has not been used before gives the same result.
     assert Model(GIMBALL, Terrain.step(0.03, at=1.0)).advance(start, DRIVE, 2000) == first
 
 
-def test_two_advances_are_one():
+def test_two_advances_equal_one():
     assert MODEL.advance(MODEL.advance(at_start(), DRIVE, 600), DRIVE, 1400)[1:] == pytest.approx(
         MODEL.advance(at_start(), DRIVE, 2000)[1:], rel=1e-12, abs=1e-15)
 
 
-def test_a_repeated_run_is_the_same_to_the_bit():
+def test_a_repeated_run_is_bit_identical():
     runs = [load_scene('fig7_bottom').simulate() for _ in range(2)]
     np.testing.assert_array_equal(runs[0].rows, runs[1].rows)
 
 
-def test_samples_of_a_run_are_the_states_of_the_model():
+def test_the_samples_of_a_run_are_states_of_the_model():
     start = state = at_start()
     run = simulate(MODEL, start, LAW, 0.2, 1e-3)
     for index in range(1, len(run), 50):
@@ -55,14 +55,14 @@ def test_samples_of_a_run_are_the_states_of_the_model():
             run.state(index), LAW.actuator(GIMBALL, 0.0, start.joint_angle)), rel=1e-12)
 
 
-def test_a_run_may_go_on_from_a_later_time():
+def test_a_run_may_start_at_a_later_time():
     run = simulate(MODEL, at_start()._replace(time=5.0), Actuation(), 0.2)
     assert run['time'][0] == 5.0 and run['time'][-1] == pytest.approx(5.2, rel=1e-14)
     np.testing.assert_allclose(run['x'], simulate(MODEL, at_start(), Actuation(), 0.2)['x'],
                                rtol=1e-12)
 
 
-def test_nothing_can_be_changed_after_it_was_made():
+def test_models_robots_and_terrains_are_immutable():
     for thing, name in ((MODEL, 'robot'), (GIMBALL, 'ball_mass'), (MODEL.solver, 'step'),
                         (LAW, 'law'), (MODEL.terrain, 'vertices')):
         with pytest.raises(FrozenInstanceError):
@@ -83,7 +83,7 @@ def test_duration_is_rounded_up_to_a_whole_number_of_samples():
     assert len(simulate(MODEL, at_start(), Actuation(), 0.01)) == 11
 
 
-def test_progress_is_reported_and_an_interruption_keeps_what_there_is():
+def test_progress_is_reported_and_an_interruption_keeps_the_samples_so_far():
     reported = []
 
     def stop(elapsed):
@@ -96,7 +96,7 @@ def test_progress_is_reported_and_an_interruption_keeps_what_there_is():
     assert len(run) == 2 * CHUNK + 1
 
 
-def test_energies_and_touches_are_those_of_the_columns():
+def test_energies_and_contacts_agree_with_the_columns():
     run = simulate(MODEL, at_start(), LAW, 0.3)
     for index in (0, 80, 200):
         energies = MODEL.energies(run.state(index))
@@ -115,7 +115,7 @@ def test_energies_and_touches_are_those_of_the_columns():
 
 @pytest.mark.parametrize('slope_deg', [-10.0, 0.0, 3.0])
 @pytest.mark.parametrize('speed', [0.0, 0.7])
-def test_at_rest_means_carried_and_rolling_without_slip(slope_deg, speed):
+def test_at_rest_means_supported_and_rolling_without_slip(slope_deg, speed):
     model = Model(GIMBALL, Terrain.slope(math.radians(slope_deg)))
     start = model.at_rest(0.2, speed)
     (touch,) = model.touches(start)
@@ -124,18 +124,18 @@ def test_at_rest_means_carried_and_rolling_without_slip(slope_deg, speed):
     assert math.hypot(start.velocity_x, start.velocity_y) == pytest.approx(speed, rel=1e-14)
 
 
-def test_at_rest_with_the_printed_lever_has_no_slip_of_the_printed_kind():
+def test_at_rest_with_the_printed_lever_has_no_slip_by_the_printed_formula():
     model = Model(GIMBALL, Terrain.flat(), ContactOptions(slip_lever='radius'))
     start = model.at_rest(0.0, 1.0)
     assert start.ball_rate == -1.0 / GIMBALL.ball_radius
     assert model.touches(start)[0].slip_velocity == pytest.approx(0.0, abs=1e-15)
 
 
-# Where it cannot --------------------------------------------------------------------------
+# Errors -----------------------------------------------------------------------------------
 
 def failure_of(reason, field, model, start, actuation=Actuation(), duration=1.0,
                output_step=None):
-    """Return the error of a run that must fail, checked for its parts."""
+    """Return the error of a run that must fail, after checking the parts of its message."""
     with refused(reason, field, SimulationError) as caught:
         simulate(model, start, actuation, duration, output_step or model.solver_in_use.step)
     error = caught.value
@@ -146,8 +146,8 @@ def failure_of(reason, field, model, start, actuation=Actuation(), duration=1.0,
 
 
 @pytest.mark.parametrize('method', ['semi_implicit', 'rk4'])
-def test_a_step_too_long_for_the_contact_diverges_and_says_so(shellball, method):
-    # The contact of the empty ball swings at 247 rad/s: no explicit scheme bears 20 ms.
+def test_divergence_from_a_too_long_step_is_reported(shellball, method):
+    # The contact of the empty ball oscillates at 247 rad/s: 20 ms steps are unstable.
     model = Model(shellball, Terrain.flat(), solver=Solver(method, 0.02))
     start = model.at_rest(0.0, 1.0)._replace(y=shellball.ball_radius - 0.01)
     error = failure_of('penetrated', 'y', model, start, duration=30.0)
@@ -157,8 +157,8 @@ def test_a_step_too_long_for_the_contact_diverges_and_says_so(shellball, method)
     assert error.trajectory['time'][-1] < error.time
 
 
-def test_a_step_too_long_that_does_not_diverge_is_seen_in_the_ledger():
-    # At 5 ms the friction of eq. (9) flips from one end to the other, and stays bounded.
+def test_a_too_long_step_without_divergence_violates_the_energy_balance():
+    # With 5 ms steps the friction of eq. (9) alternates between its limits and stays bounded.
     model = Model(GIMBALL, Terrain.flat(), solver=Solver(step=5e-3))
     start = model.at_rest(0.0, 1.0)._replace(y=GIMBALL.ball_radius - 0.01)
     error = failure_of('unbalanced', 'step', model, start, duration=5.0)
@@ -176,24 +176,24 @@ def test_gains_too_stiff_for_the_step_are_named_as_a_remedy():
     assert '0.01 s' in error.remedy and 'gains' in error.remedy
 
 
-def test_numbers_that_overflow_are_named():
+def test_an_overflow_is_reported_with_its_quantity():
     model = Model(GIMBALL, Terrain.flat(), solver=Solver())
     error = failure_of('not_finite', 'x', model, State(y=9.0, pendulum_rate=1e200))
     assert 'ball_rate' not in error.quantity
     assert '0.0001 s' in error.remedy and 'gains' in error.remedy
 
 
-def test_a_ball_that_is_shot_into_the_ground_sinks_and_says_where():
+def test_too_deep_penetration_is_reported_with_its_position():
     model = Model(GIMBALL, Terrain.flat())
     error = failure_of('penetrated', 'y', model, State(x=1.5, y=1.0, velocity_y=-30.0))
     assert 'x = 1.5 m' in error.quantity
     assert 'contact_stiffness' in error.remedy
     assert 0.02 < error.time < 0.05
-    # The sample before it is the last good one.
+    # The last sample is still valid.
     assert error.trajectory['y'][-1] > 0.0
 
 
-def test_advance_raises_the_same_as_a_run():
+def test_advance_raises_the_same_error_as_a_run():
     with refused('penetrated', 'y', SimulationError):
         MODEL.advance(State(y=1.0, velocity_y=-30.0), DRIVE, 5000)
 
@@ -207,7 +207,7 @@ def test_ground_too_soft_to_carry_the_ball_is_refused():
 @pytest.mark.parametrize('x, height, inside', [
     (0.3, 1.0, False), (0.76, 1.0, False), (0.78, 1.0, True), (0.9, 1.0, True),
     (0.9, 0.05, False)])
-def test_a_start_in_a_wall_warns_and_one_before_it_or_on_its_edge_does_not(x, height, inside):
+def test_only_a_start_inside_a_wall_warns(x, height, inside):
     model = Model(GIMBALL, Terrain.step(height, at=1.0))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter('always')
@@ -217,7 +217,7 @@ def test_a_start_in_a_wall_warns_and_one_before_it_or_on_its_edge_does_not(x, he
     assert all(f'{1e3 * (x - 1.0 + GIMBALL.ball_radius):.3g} mm' in text for text in found)
 
 
-def test_no_scene_starts_in_its_ground_and_a_run_continues_from_within_an_impact():
+def test_neither_shipped_scenes_nor_a_start_during_an_impact_warn():
     fall = simulate(MODEL, State(x=0.3, y=0.5, velocity_y=-2.0), Actuation(), 0.5)
     deepest = fall.state(int(np.argmax(fall['penetration'])))
     scenes = [load_scene(name) for name in shipped_files('scenes')]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a ball is over is a choice: past the edge, or clear of it; both by the reference, too."""
+"""The rules for a completed crossing: past the edge or clear of it."""
 import math
 
 import numpy as np
@@ -22,20 +22,20 @@ CLEAR = Rules(over='clear')
     Site(), RISE, Site(-0.3, 0.7, 0.1, 0.2, 0.3), Site(0.5, -0.4, friction_edge=0.9),
     Site(friction_before=0.0), Site(friction_behind=2.0)])
 @pytest.mark.parametrize('height', [1e-3, 0.03, 1.0])
-def test_the_ground_of_a_site_is_that_of_its_terrain(site, height):
+def test_the_profile_of_a_site_equals_that_of_its_terrain(site, height):
     robot = GIMBALL
     expected = site.terrain(height).profile(robot.surface_friction, robot.edge_friction)
     assert site.profile(robot, height) == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
-def test_on_a_rising_ground_a_ball_past_the_edge_is_not_yet_clear_of_it():
-    # What a ball gets beyond the edge it has climbed; half a radius are 11 cm.
+def test_on_rising_ground_the_rule_clear_gives_lower_heights():
+    # The ball must climb the ground behind the edge; half a radius is 11 cm.
     heights = [1e3 * max_step_height(GIMBALL, 0.85, site=RISE, rules=rules).height for rules in (
         Rules(), CLEAR, Rules(over='clear', clearance=0.5))]
     assert heights == pytest.approx([34.5, 32.1, 29.6], abs=0.1)
 
 
-def test_on_level_ground_and_downhill_both_rules_are_nearly_one():
+def test_on_level_ground_and_downhill_both_rules_nearly_agree():
     for slope in (0.0, -0.1):
         edge, clear = (max_step_height(GIMBALL, 0.85, site=Site(slope_behind=slope), rules=rules)
                        for rules in (Rules(), CLEAR))
@@ -45,15 +45,15 @@ def test_on_level_ground_and_downhill_both_rules_are_nearly_one():
 @pytest.mark.parametrize('robot, actuation, site', [
     (GIMBALL, Actuation(), RISE), (SHELLBALL, Actuation(), Site(slope_behind=0.2)),
     (GIMBALL, rolling(GIMBALL)(0.6), Site(-0.05, 0.1)), (GIMBALL, held_at(0.0), RISE)])
-def test_the_answers_by_the_rule_clear_are_those_of_the_reference(robot, actuation, site):
+def test_the_heights_by_the_rule_clear_agree_with_the_reference(robot, actuation, site):
     found = max_step_height(robot, 0.6, actuation, accuracy=2e-5, site=site, rules=CLEAR, scan=6)
     known = highest_step(robot, 0.6, actuation, tolerance=2e-4, site=site, rules=CLEAR)
     assert known - 4e-5 <= found.height <= known + 2.4e-4
     assert found.monotone and found.error <= 2e-5
 
 
-def test_a_ball_is_given_up_before_it_is_clear_only_where_it_cannot_be():
-    # A motor that gives no torque moves nothing else, but nothing can be concluded from energy.
+def test_an_attempt_ends_early_only_if_the_ball_cannot_clear_the_edge():
+    # A motor with zero torque gives the same motion but disables the energy criterion.
     for slope in (-0.3, 0.0, 0.1, 0.3):
         site = Site(slope_behind=slope)
         middle = max_step_height(GIMBALL, 0.7, accuracy=1e-7, site=site, rules=CLEAR).height

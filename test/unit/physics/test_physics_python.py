@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""At a Python prompt: what is taken, what is shown, and what cannot be mistaken."""
+"""Interactive use: accepted arguments, representations, and refused mistakes."""
 import math
 from pathlib import Path
 import sys
@@ -25,7 +25,7 @@ def trajectory():
     return load_scene('flat').simulate(duration=0.02)
 
 
-def test_names_paths_and_what_is_loaded_are_taken_alike():
+def test_names_paths_and_loaded_objects_are_accepted():
     assert load_robot(ROBOT) == load_robot(str(ROBOT)) == load_robot(GIMBALL) == GIMBALL
     scene = load_scene(SCENE, ROBOT)
     assert load_scene(scene) is scene and scene.model.robot == GIMBALL
@@ -37,21 +37,21 @@ def test_names_paths_and_what_is_loaded_are_taken_alike():
             load_robot(wrong)
 
 
-def test_the_highest_step_takes_the_name_of_a_robot():
+def test_max_step_height_accepts_the_name_of_a_robot():
     assert max_step_height('gimball', 0.5) == max_step_height(GIMBALL, 0.5)
 
 
 @pytest.mark.parametrize('find', [
     lambda: max_step_height('gimball', 0.5, 'held'),
     lambda: max_step_heights('gimball', [0.5], 'held')])
-def test_an_unknown_actuation_is_refused_with_a_known_one(find):
+def test_an_actuation_of_the_wrong_type_is_refused(find):
     with refused('wrong_type', 'actuation'):
         find()
 
 
 @pytest.mark.parametrize('name', ['site', 'rules', 'options'])
 @pytest.mark.parametrize('value', ['any', 3, None])
-def test_a_site_rules_or_options_of_another_class_are_refused(name, value):
+def test_site_rules_or_options_of_the_wrong_class_are_refused(name, value):
     with refused('wrong_type', name):
         max_step_height(GIMBALL, 0.5, **{name: value})
 
@@ -59,12 +59,12 @@ def test_a_site_rules_or_options_of_another_class_are_refused(name, value):
 @pytest.mark.parametrize('make', [
     lambda: held_at(90), lambda: Actuation('position', set_angle=90),
     lambda: held_at(-45.0), lambda: max_step_height('gimball', 0.5, pendulum_angle=90)])
-def test_degrees_are_not_taken_for_radians(make):
+def test_degrees_in_place_of_radians_are_refused(make):
     with refused('out_of_range'):
         make()
 
 
-def test_half_a_turn_either_way_is_an_angle():
+def test_angles_of_plus_and_minus_pi_are_accepted():
     assert held_at(math.pi).set_angle == math.pi and held_at(-math.pi).set_angle == -math.pi
 
 
@@ -95,7 +95,7 @@ def test_representations_are_short(trajectory):
     assert 'gimball' in repr(GIMBALL) and '21 samples' in repr(trajectory)
 
 
-def test_a_run_is_written_to_a_file_of_any_known_ending(trajectory, tmp_path):
+def test_a_run_is_written_in_the_format_of_the_file_extension(trajectory, tmp_path):
     for ending in ('csv', 'npz', 'parquet'):
         write_trajectory(trajectory, tmp_path / f'run.{ending}')
         assert (tmp_path / f'run.{ending}').stat().st_size > 1000
@@ -103,7 +103,7 @@ def test_a_run_is_written_to_a_file_of_any_known_ending(trajectory, tmp_path):
         write_trajectory(trajectory, tmp_path / 'run.xlsx')
 
 
-def test_a_table_says_its_units_or_what_is_missing(trajectory, monkeypatch):
+def test_to_pandas_gives_units_or_reports_that_pandas_is_missing(trajectory, monkeypatch):
     if 'pandas' in sys.modules or __import__('importlib.util').util.find_spec('pandas'):
         table = trajectory.to_pandas()
         assert len(table) == len(trajectory) and table.attrs['units']['x'] == 'm'
@@ -112,7 +112,7 @@ def test_a_table_says_its_units_or_what_is_missing(trajectory, monkeypatch):
         trajectory.to_pandas()
 
 
-def test_a_duration_may_be_given_alone_and_a_column_that_is_unknown_is_named_with_the_known_ones():
+def test_a_duration_suffices_and_an_unknown_column_is_refused_with_the_known_ones():
     run = load_scene('flat').simulate(0.01)
     assert run['x'][-1] == run.columns['x'][-1] and run['time'][-1] == pytest.approx(0.01)
     with pytest.raises(KeyError, match='pendulum_angle'):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The evenly spread points of our own are those of SciPy."""
+"""The Sobol points of the package equal those of SciPy."""
 import subprocess
 import sys
 
@@ -11,7 +11,7 @@ from ballbot_ros.physics.model.uncertainty import DIMENSIONS, sobol
 
 @pytest.mark.parametrize('dimensions', [1, 2, 9, DIMENSIONS])
 @pytest.mark.parametrize('power, seed', [(0, 0), (1, 1), (8, 5)])
-def test_they_are_those_of_scipy(dimensions, power, seed):
+def test_sobol_points_equal_those_of_scipy(dimensions, power, seed):
     from scipy.stats import qmc
     expected = qmc.Sobol(dimensions, seed=seed).random_base2(power)
     np.testing.assert_array_equal(sobol(dimensions, power, seed), expected)
@@ -30,9 +30,9 @@ print({'scipy.linalg', 'scipy.optimize', 'scipy.sparse', 'scipy.stats'} & set(sy
 
 
 @pytest.mark.slow
-def test_a_decision_and_the_check_of_a_loop_do_without_scipy():
-    # It takes more than a second to import, of each start of a node.  The compiler needs it, so
-    # the first time compiles what is missing, and the second is like every other.
+def test_a_decision_and_a_loop_check_do_not_import_scipy():
+    # Importing SciPy would delay each start of a node by more than a second.  The compiler needs
+    # SciPy, so the first run compiles missing kernels, and the second run is typical.
     for _ in range(2):
         done = subprocess.run([sys.executable, '-c', WITHOUT_SCIPY], capture_output=True,
                               text=True, check=True)

@@ -7,7 +7,7 @@ ACCURACIES = (1e-3, 5e-5, 1e-5)
 
 
 @pytest.mark.parametrize('seed', range(8))
-def test_a_highest_step_of_any_robot_is_within_the_accuracy_that_was_asked_for(seed):
+def test_the_maximum_step_height_of_any_robot_has_the_requested_accuracy(seed):
     found, rest = shares(seed, ACCURACIES)
     assert found is not None, rest
     assert max(found) <= 1.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A run goes through simpler models where they do, says so, and ends where the full one ends."""
+"""A run switches to simpler models where they are valid and agrees with the full model."""
 from dataclasses import replace
 
 import numpy as np
@@ -32,13 +32,13 @@ def test_the_error_falls_with_the_tolerance():
     assert errors[1] < 0.3 * errors[0] and errors[2] < 0.01 * errors[0]
 
 
-def test_a_drop_flies_in_closed_form_unless_the_full_model_is_asked_for():
+def test_a_drop_flies_in_closed_form_unless_the_full_model_is_selected():
     assert run('shellball_drop', 'auto', 1e-7).effort.flights > 3
     assert run('shellball_drop', 'full', 1e-7).effort.flights == 0
 
 
 @pytest.mark.parametrize('models', ['auto', 'full'])
-def test_times_in_between_do_not_change_the_run(models):
+def test_the_output_step_does_not_change_the_run(models):
     scene = load_scene('shellball_drop')
     solver = Solver('adaptive', tolerance=1e-9, models=models)
     scene = replace(scene, model=replace(scene.model, solver=solver))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bound that spares most steps a look: it never says that a mode holds where it does not."""
+"""The bound that saves guard checks never reports a mode as valid when a guard is violated."""
 import numpy as np
 import pytest
 
@@ -14,21 +14,21 @@ from ballbot_ros.physics.solvers.dense import motion_at
 from ballbot_ros.physics.solvers.events import holds_throughout, least, most
 from ballbot_ros.physics.solvers.values import Workspace
 
-# A gentle bend, a ramp, a step, a narrow ridge, a notch, and a face that hangs nearly over.
+# A gentle bend, a ramp, a step, a narrow ridge, a notch, and an almost vertical face.
 GROUND = Terrain([[-1.0, 0.0], [0.0, 0.0], [0.5, 0.03], [0.9, 0.03], [0.901, 0.06], [1.3, 0.06],
                   [1.31, 0.09], [1.32, 0.06], [1.6, 0.06], [1.7, 0.02], [1.8, 0.06], [2.5, 0.06]])
 THETAS = np.linspace(0.0, 1.0, 97)
 
 
 def dense_of(workspace):
-    """Return the coefficients of the dense output, a row for each."""
+    """Return the coefficients of the dense output, one per row."""
     return workspace.work[values.DENSE:values.COLUMNS].reshape(-1, values.WIDTH)
 
 
 def random_step(draw, model, workspace):
-    """Write a dense output that begins on the ground, and freeze the mode of its begin."""
+    """Write a dense output that starts on the ground, and freeze the mode of its start."""
     vector = np.zeros(SIZE)
-    # One in four in the notch, between two edges.
+    # One in four starts is in the notch, between two edges.
     where = 1.7 if draw.random() < 0.25 else draw.uniform(-0.5, 2.3)
     vector[:8] = model.at_rest(where)[1:9]
     vector[X] += draw.normal() * 0.003
@@ -47,16 +47,16 @@ def random_step(draw, model, workspace):
 
 
 def says_so(system, workspace, step=1.0):
-    """Return whether the mode is said to hold, with the features that a step looks at."""
+    """Return whether the bound reports a valid mode, for the features that a step checks."""
     dense, radius = dense_of(workspace), system.parameters.radius
-    way = float(np.sum(np.abs(dense[1:, X])))
-    first, behind = contact.features_within(dense[0, X], radius + way, system.ground)
+    distance = float(np.sum(np.abs(dense[1:, X])))
+    first, behind = contact.features_within(dense[0, X], radius + distance, system.ground)
     return holds_throughout(0.0, step, workspace.work, first, behind, system, workspace.mode)
 
 
 @compiled
 def violated_within(system, workspace, step):
-    """Return whether any guard is violated at any of many times within the step."""
+    """Return whether any guard is violated at any of the sampled times within the step."""
     for theta in THETAS:
         motion_at(theta, workspace.work)
         if modes.violated_guards(
@@ -69,7 +69,7 @@ def violated_within(system, workspace, step):
 @pytest.mark.slow
 @pytest.mark.parametrize('lever, dissipation', [
     ('contact', 0.0), ('radius', 0.0), ('contact', 5.0)])
-def test_where_it_says_that_a_mode_holds_no_guard_is_violated_at_any_time(lever, dissipation):
+def test_no_guard_is_violated_while_the_bound_reports_a_valid_mode(lever, dissipation):
     draw = np.random.default_rng(11)
     robot = load_robot('gimball').replace(
         contact_law='hunt_crossley' if dissipation else 'kelvin_voigt',
@@ -83,12 +83,12 @@ def test_where_it_says_that_a_mode_holds_no_guard_is_violated_at_any_time(lever,
             assert not violated_within(system, workspace, 1.0)
             said[modes.contact_count(workspace.mode)] += 1
             edges += workspace.mode.signs[0, contact.FEATURE] % 2
-    # It has something to say in the air, on a segment, and on an edge.
+    # The bound is conclusive in the air, on a segment, and on an edge.
     assert said[0] > 100 and said[1] > 400 and edges > 50
 
 
 @pytest.mark.slow
-def test_it_has_much_to_say_of_small_steps():
+def test_the_bound_is_conclusive_for_most_small_steps():
     draw = np.random.default_rng(12)
     model = Model(load_robot('gimball'), Terrain.step(0.03, at=0.5))
     workspace, steps, said = Workspace.of(len(model.profile)), 0, 0
@@ -102,7 +102,7 @@ def test_it_has_much_to_say_of_small_steps():
     assert said > 0.8 * steps > 200
 
 
-def test_bounds_of_a_course_enclose_it_and_are_those_of_its_ends_where_it_is_a_line():
+def test_bounds_of_a_polynomial_enclose_it_and_are_exact_for_a_line():
     draw = np.random.default_rng(13)
     for _ in range(200):
         course = tuple(draw.normal(size=5))
@@ -117,7 +117,7 @@ def test_bounds_of_a_course_enclose_it_and_are_those_of_its_ends_where_it_is_a_l
 @pytest.mark.parametrize('actuation', [
     Actuation('position', set_angle=0.5), Actuation('velocity', set_rate=3.0, velocity_ki=20.0),
     Actuation('voltage', voltage=5.0), Actuation('torque', torque=0.5)], ids=lambda law: law.law)
-def test_of_a_motor_near_its_limit_it_says_nothing_that_is_not(actuation):
+def test_the_bound_is_valid_for_a_motor_near_its_limit(actuation):
     draw = np.random.default_rng(14)
     model = Model(load_robot('gimball'), Terrain.flat())
     workspace, said = Workspace.of(len(model.profile)), {-1: 0, 0: 0, 1: 0}
@@ -135,7 +135,7 @@ def test_of_a_motor_near_its_limit_it_says_nothing_that_is_not(actuation):
     assert said[0] > 100 and said[1] + said[-1] > 100
 
 
-def test_of_a_corner_it_says_nothing():
+def test_the_bound_is_inconclusive_at_a_corner():
     draw = np.random.default_rng(14)
     model = Model(load_robot('gimball'), Terrain.flat())
     workspace = Workspace.of(len(model.profile))

@@ -19,7 +19,7 @@ def run(plant, torque, periods=400):
     return plant
 
 
-def test_the_error_is_below_the_estimate_and_that_below_the_accuracy():
+def test_the_error_is_below_the_estimate_and_the_estimate_below_the_accuracy():
     plant = run(Plant(load_scene('fig7_top'), 500.0, accuracy=1e-5), 0.3)
     exact = run(Plant(load_scene('fig7_top'), 500.0, accuracy=1e-9), 0.3)
     assert abs(plant.state.x - exact.state.x) < plant.error_estimate < 1e-5
@@ -33,12 +33,12 @@ def test_a_reset_restarts_the_estimate():
     assert plant.error_estimate == 0.0
 
 
-def test_without_an_accuracy_there_is_no_estimate():
+def test_without_an_accuracy_the_estimate_is_nan():
     assert math.isnan(run(Plant(load_scene('flat'), 500.0), 0.0, 5).error_estimate)
 
 
 def monitored(accuracy, **changes):
-    """Return a plant, and an error monitor whose robot differs from that of the plant."""
+    """Return a plant and an error monitor whose robot differs from that of the plant."""
     scene = load_scene('fig7_top')
     plant = Plant(scene, 500.0)
     robot = replace(scene.model.robot, **changes)
@@ -51,7 +51,7 @@ def follow(plant, monitor, periods):
         monitor.advance(plant.advance(0.0), drive, 20)
 
 
-def test_an_accuracy_that_is_lost_is_reported_with_the_time():
+def test_the_time_at_which_the_error_exceeds_the_accuracy_is_reported():
     plant, monitor = monitored(1e-9, contact_stiffness=1e5)
     follow(plant, monitor, 100)
     assert monitor.error > 1e-9 and 0.0 < monitor.accuracy_lost_at <= plant.time
@@ -60,8 +60,8 @@ def test_an_accuracy_that_is_lost_is_reported_with_the_time():
     assert monitor.accuracy_lost_at == lost
 
 
-def test_a_coarser_run_that_fails_leaves_estimate_and_state_as_they_were():
-    # Its ground gives way; that of the plant does not.
+def test_a_failure_of_the_coarser_run_does_not_change_the_estimate():
+    # The ground of the monitor is too soft to support the ball; that of the plant is not.
     plant, monitor = monitored(1.0, contact_stiffness=1e-6)
     with pytest.raises(SimulationError):
         while True:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot on a floor: planar along a straight path, in a steady turn, at walls and edges."""
+"""The robot on a floor: straight driving, steady turns, walls, and edges."""
 from dataclasses import replace
 import math
 
@@ -27,14 +27,14 @@ def floor_of(*features, walls=(), size=16.0):
 
 
 def torque_for(plant, speed):
-    """Return the torque of a simple speed control."""
+    """Return the torque of a simple speed controller."""
     state = plant.state
     swing = min(max(1.2 * (speed - state.velocity_x), -0.9), 0.9)
     return 20.0 * (swing - state.pendulum_angle) - 2.0 * state.pendulum_rate
 
 
 def drive(plant, speed, yaw_rate, seconds):
-    """Drive, and return a pose per control period."""
+    """Drive and return one pose per control period."""
     poses = []
     for _ in range(round(seconds / plant.period)):
         lean = law(ROBOT, plant.lateral, plant.state.velocity_x, yaw_rate)
@@ -43,13 +43,13 @@ def drive(plant, speed, yaw_rate, seconds):
     return np.array(poses)
 
 
-# The larger part of the floor, before the step, has the level 0.
+# Level 0 is that of the larger part of the floor, before the step.
 STEP = {'kind': 'step', 'line': [[11.0, 16.0], [11.0, 0.0]], 'height': 0.02}
 
 
 @pytest.mark.parametrize('line, pose', [
     (STEP['line'], (10.0, 8.0, 0.0)), ([[5.0, 0.0], [5.0, 16.0]], (6.0, 8.0, math.pi))])
-def test_a_straight_drive_equals_the_planar_scene_to_the_last_digit(line, pose):
+def test_a_straight_drive_equals_the_planar_scene_exactly(line, pose):
     plant = FloorPlant(ROBOT, floor_of({**STEP, 'line': line}), pose)
     scene = load_scene('flat', ROBOT)
     scene = replace(scene, model=replace(
@@ -65,7 +65,7 @@ def test_a_straight_drive_equals_the_planar_scene_to_the_last_digit(line, pose):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('speed, share', [(0.3, 0.9), (0.6, -0.7), (-0.4, 0.8)])
-def test_a_steady_turn_has_yaw_rate_and_radius_of_the_limits(speed, share):
+def test_a_steady_turn_has_the_requested_yaw_rate_and_radius(speed, share):
     plant = FloorPlant(ROBOT, floor_of(), (8.0, 8.0, 0.3))
     yaw_rate = share * yaw_rate_limit(ROBOT, speed)
     drive(plant, speed, yaw_rate, 6.0)
@@ -73,7 +73,7 @@ def test_a_steady_turn_has_yaw_rate_and_radius_of_the_limits(speed, share):
     turned = (poses[-1, 2] - poses[0, 2]) / (plant.period * (len(poses) - 1))
     true_speed = plant.state.velocity_x
     assert turned == pytest.approx(yaw_rate, rel=0.02)
-    # Centres of the circle by points a third of the turn apart agree.
+    # Radius of the circle from the chord between the first and last point.
     radius = np.hypot(*np.diff(poses[[0, -1], :2], axis=0)[0]) / (
         2.0 * math.sin(0.5 * abs(poses[-1, 2] - poses[0, 2])))
     assert radius == pytest.approx(abs(true_speed / yaw_rate), rel=0.02)
@@ -84,7 +84,7 @@ def test_a_steady_turn_has_yaw_rate_and_radius_of_the_limits(speed, share):
 
 
 @pytest.mark.slow
-def test_a_yaw_rate_beyond_the_limit_is_followed_up_to_it():
+def test_a_yaw_rate_beyond_the_limit_is_limited():
     plant = FloorPlant(ROBOT, floor_of(), (8.0, 8.0, 0.0))
     drive(plant, 0.5, 3.0, 6.0)
     assert plant.lateral.yaw_rate == pytest.approx(
@@ -103,7 +103,7 @@ def test_a_ball_does_not_enter_a_wall(degrees):
 
 
 @pytest.mark.slow
-def test_a_ball_that_turns_along_a_wall_keeps_its_radius_from_it():
+def test_a_ball_that_turns_along_a_wall_does_not_enter_it():
     floor = floor_of(walls=[(slice(160, 176), slice(None))])
     plant = FloorPlant(ROBOT, floor, (4.0, 9.6, 0.0))
     poses = np.vstack([drive(plant, 0.4, 0.2, 6.0), drive(plant, -0.4, 0.2, 6.0)])
@@ -112,7 +112,7 @@ def test_a_ball_that_turns_along_a_wall_keeps_its_radius_from_it():
 
 @pytest.mark.slow
 @pytest.mark.parametrize('x, y', [(1.672, 2.14), (1.666, 2.163)])
-def test_a_corner_that_a_turning_ball_grazes_adds_no_speed(x, y):
+def test_a_turning_ball_gains_no_speed_when_it_grazes_a_corner(x, y):
     cells = np.zeros((80, 80), np.uint8)
     cells[38:40, 38:40] = OCCUPIED
     floor = Floor('test', cells, 0.05, (0.0, 0.0), ())
@@ -122,14 +122,14 @@ def test_a_corner_that_a_turning_ball_grazes_adds_no_speed(x, y):
             lean = law(ROBOT, plant.lateral, plant.state.velocity_x, yaw_rate)
             plant.advance(torque_for(plant, 0.22), lean)
             speeds.append(abs(plant.state.velocity_x))
-            away = plant.pose[:2] - floor.walls[:, :2]
-            away -= np.clip(away, -floor.walls[:, 2:], floor.walls[:, 2:])
-            gaps.append(np.hypot(*away.T).min() - ROBOT.ball_radius)
+            offset = plant.pose[:2] - floor.walls[:, :2]
+            offset -= np.clip(offset, -floor.walls[:, 2:], floor.walls[:, 2:])
+            gaps.append(np.hypot(*offset.T).min() - ROBOT.ball_radius)
     assert gaps[0] > 0.01 and -0.005 < min(gaps) < 0.0
     assert max(speeds) < 0.25
 
 
-def test_a_turning_ball_climbs_and_keeps_the_level():
+def test_a_turning_ball_climbs_a_step_and_stays_on_the_new_level():
     plant = FloorPlant(ROBOT, floor_of(STEP), (10.0, 8.0, 0.1))
     drive(plant, 0.9, 0.05, 3.5)
     assert plant.pose[0] > 11.5
@@ -139,7 +139,7 @@ def test_a_turning_ball_climbs_and_keeps_the_level():
 
 
 @pytest.mark.slow
-def test_a_ball_that_turns_behind_an_edge_rolls_on_the_floor_again():
+def test_a_turning_ball_rolls_on_the_floor_again_after_an_edge():
     cord = {'kind': 'cord', 'line': [[8.0, 4.0], [8.0, 12.0]], 'height': 0.006, 'width': 0.006}
     plant = FloorPlant(ROBOT, floor_of(cord), (7.5, 8.0, 0.1))
     drive(plant, 0.4, 0.1, 6.0)
@@ -167,7 +167,7 @@ def test_a_ball_rolls_off_a_drop_at_any_angle(heading):
 
 
 @pytest.mark.slow
-def test_an_edge_turns_the_course_away_from_its_normal_as_measured():
+def test_the_course_change_at_an_edge_agrees_with_the_table():
     angle, height = math.radians(30.0), 0.015
     plant = FloorPlant(ROBOT, floor_of({**STEP, 'height': height}),
                        (9.5, 8.0, angle))
@@ -189,7 +189,7 @@ def test_a_robot_without_steering_refuses_to_lean():
 
 
 @pytest.mark.parametrize('pose', [(math.nan, 1.0, 0.0), (-1.0, 1.0, 0.0), (1.0, 1.0, math.inf)])
-def test_a_start_off_the_map_is_refused(pose):
+def test_a_start_outside_the_map_is_refused(pose):
     with pytest.raises(ConfigurationError) as caught:
         FloorPlant(ROBOT, floor_of(), pose)
     assert (caught.value.reason, caught.value.field) == ('out_of_range', 'pose')
@@ -242,7 +242,7 @@ def test_a_ball_nearly_parallel_to_an_edge_gains_no_energy(kind, aside, turned, 
     *slow(('step', -0.09, 0.0, 0.0, True), ('step', -0.02, 0.0, -0.1, True),
           ('step', 0.09, 0.0, 0.1, True), ('step', -0.02, 0.5 * math.pi, 0.1, False)),
     *slow(('threshold', -0.02, 0.0, -0.1, True)), ('threshold', 0.02, 0.0, 0.0, False)])
-def test_a_turn_on_an_edge_neither_adds_energy_nor_lets_the_ball_sink(
+def test_a_turn_on_an_edge_adds_neither_energy_nor_penetration(
         monkeypatch, kind, aside, heading, speed, turns):
     monkeypatch.setattr(
         'ballbot_ros.plant.floor_plant.step', lambda robot, lateral, *rest: lateral._replace(
@@ -258,7 +258,7 @@ def test_a_turn_on_an_edge_neither_adds_energy_nor_lets_the_ball_sink(
         assert plant.model.energies(plant.state).total < first + 1e-6
         deepest = max(deepest, ROBOT.ball_radius - plant.state.y
                       + float(plant.profile().height(plant.state.x)))
-    # Where the speed does not pay for the turn, the ball does not turn on the spot.
+    # The ball does not turn on the spot if its kinetic energy is insufficient for the turn.
     assert (plant.pose[2] - heading > 0.5 * math.pi) == turns
     assert deepest < 4.0 * ROBOT.static_penetration
 
@@ -275,9 +275,9 @@ def test_a_turning_ball_at_walls_gains_no_energy_and_stays_outside(
     floor = floor_of(walls=[pillar, side, (slice(None), slice(64, 66))])
 
     def clearance():
-        away = np.array(plant.pose[:2]) - floor.walls[:, :2]
-        away -= np.clip(away, -floor.walls[:, 2:], floor.walls[:, 2:])
-        return np.hypot(*away.T).min() - ROBOT.ball_radius
+        offset = np.array(plant.pose[:2]) - floor.walls[:, :2]
+        offset -= np.clip(offset, -floor.walls[:, 2:], floor.walls[:, 2:])
+        return np.hypot(*offset.T).min() - ROBOT.ball_radius
 
     plant = FloorPlant(ROBOT, floor, (*place, heading))
     assume(clearance() > 0.0)
@@ -288,11 +288,11 @@ def test_a_turning_ball_at_walls_gains_no_energy_and_stays_outside(
         plant.advance(torque_for(plant, speed) if driven else 0.0, lean)
         state = plant.state
         assert plant.model.energies(state).total - state.motor_work < first + 1e-6
-        # The speed of the ball, and of its pendulum, compresses the contact that far.
+        # The kinetic energy of ball and pendulum compresses the contact by up to 15 mm.
         assert clearance() > -0.015
 
 
-def test_an_axle_that_tilts_too_far_ends_the_run_at_the_last_valid_state(monkeypatch):
+def test_an_excessive_tilt_ends_the_run_at_the_last_valid_state(monkeypatch):
     plant = FloorPlant(ROBOT, floor_of(), (8.0, 8.0, 0.0))
     monkeypatch.setattr('ballbot_ros.plant.floor_plant.step',
                         lambda robot, lateral, *rest: lateral._replace(tilt=math.pi))

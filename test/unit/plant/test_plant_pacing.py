@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pace: never ahead of the clock, honest about falling behind; rates that divide."""
+"""Pacing: never ahead of the clock, dropped periods are counted; rates must divide evenly."""
 import math
 
 from hypothesis import given, strategies
@@ -17,21 +17,21 @@ def test_nothing_is_due_at_the_start_and_then_one_per_period():
 
 
 @pytest.mark.parametrize('factor, due', [(0.5, 2), (1.0, 5), (2.0, 10)])
-def test_factor_is_simulated_per_wall_second(factor, due):
+def test_the_factor_scales_simulated_time_per_wall_clock_time(factor, due):
     pace = Pace(0.002, factor)
     pace.due(0.0)
     assert pace.due(0.0101) == due
 
 
-def test_lag_beyond_the_cap_is_dropped_and_counted():
+def test_periods_beyond_the_maximum_lag_are_dropped_and_counted():
     pace = Pace(0.002, 1.0, most=10)
     pace.due(0.0)
     assert pace.due(1.0001) == 10
     assert pace.dropped == 490
-    assert pace.due(1.0021) == 1  # it does not try to catch up with them
+    assert pace.due(1.0021) == 1  # dropped periods are not caught up
 
 
-def test_after_a_pause_nothing_is_caught_up():
+def test_a_pause_is_not_caught_up():
     pace = Pace(0.002, 1.0)
     pace.due(0.0)
     pace.restart(50.0)
@@ -42,7 +42,7 @@ def test_after_a_pause_nothing_is_caught_up():
 @pytest.mark.slow
 @given(strategies.lists(strategies.floats(0.0, 0.5), min_size=1, max_size=60),
        strategies.floats(1e-4, 0.1), strategies.floats(0.1, 50.0))
-def test_it_never_runs_ahead_of_the_clock_and_loses_only_what_it_counts(gaps, period, factor):
+def test_pace_never_runs_ahead_of_the_clock_and_counts_all_dropped_periods(gaps, period, factor):
     pace, now, done = Pace(period, factor), 10.0, 0
     pace.due(now)
     for gap in gaps:
@@ -58,7 +58,7 @@ def test_it_never_runs_ahead_of_the_clock_and_loses_only_what_it_counts(gaps, pe
 @pytest.mark.parametrize('slow, base, periods', [
     (100.0, 500.0, 5), (500.0, 500.0, 1), (0.1, 500.0, 5000), (250.0, 1000.0, 4),
     (30.0, 30.0, 1), (1.0 / 3.0, 1.0, 3)])
-def test_rates_that_fit(slow, base, periods):
+def test_a_rate_that_divides_the_base_rate_gives_its_number_of_periods(slow, base, periods):
     assert periods_per(slow, base, 'odom_rate') == periods
 
 
@@ -66,7 +66,7 @@ def test_rates_that_fit(slow, base, periods):
     (300.0, 500.0, ('250 Hz', '500 Hz')), (499.0, 500.0, ('250 Hz', '500 Hz')),
     (600.0, 500.0, ('250 Hz', '500 Hz')), (99.0, 500.0, ('83.3333 Hz', '100 Hz')),
     (0.3, 1.0, ('0.25 Hz', '0.333333 Hz'))])
-def test_rates_that_do_not_fit_are_refused_with_the_nearest_that_do(slow, base, near):
+def test_other_rates_are_refused_with_the_nearest_valid_rates(slow, base, near):
     with refused('inconsistent', 'odom_rate') as caught:
         periods_per(slow, base, 'odom_rate')
     for rate in near:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plant: whole periods, time without rounding, torque within its limit."""
+"""The plant: integer periods, exact time, and torque limits."""
 from dataclasses import replace
 import math
 
@@ -16,12 +16,12 @@ def flat(rate=500.0, **arguments):
     return Plant(load_scene('flat'), rate, **arguments)
 
 
-def test_time_carries_no_rounding():
+def test_time_does_not_accumulate_rounding_errors():
     plant = flat(1000.0)
     for _ in range(3000):
         plant.advance(0.0)
     assert plant.time == plant.state.time == 3.0
-    assert sum([0.001] * 3000) != 3.0  # as adding up would
+    assert sum([0.001] * 3000) != 3.0  # a running sum does
 
 
 def test_a_period_is_a_whole_number_of_steps():
@@ -33,12 +33,12 @@ def test_a_period_is_a_whole_number_of_steps():
 
 
 @pytest.mark.parametrize('rate', [0.0, -1.0, math.nan, math.inf])
-def test_rates_that_are_none_are_refused(rate):
+def test_invalid_rates_are_refused(rate):
     with pytest.raises(ConfigurationError):
         flat(rate)
 
 
-def test_two_short_periods_are_one_long_one():
+def test_two_short_periods_equal_one_long_period():
     long, short = flat(250.0), flat(500.0)
     for _ in range(50):
         after = long.advance(0.5)
@@ -46,7 +46,7 @@ def test_two_short_periods_are_one_long_one():
         assert short.advance(0.5) == pytest.approx(after, abs=1e-12)
 
 
-def test_torque_is_cut_to_the_limit_of_the_motor_or_to_ones_own():
+def test_torque_is_limited_by_the_motor_or_by_the_given_limit():
     motor, own, exact = flat(), flat(torque_limit=1.0), flat(torque_limit=1.0)
     motor.advance(1e9)
     assert motor.torque == 4.0
@@ -57,7 +57,7 @@ def test_torque_is_cut_to_the_limit_of_the_motor_or_to_ones_own():
 
 
 def spinning(joint_rate, **arguments):
-    """Return a plant of GimBall in flight, its joint turning at a rate."""
+    """Return a plant of GimBall in flight with the given joint rate."""
     scene = read_scene({'robot': 'gimball', 'duration': 1.0, 'initial': {
         'y': 50.0, 'ball_rate': -joint_rate}}, 'test', 'test')
     return Plant(scene, 500.0, **arguments)
@@ -69,26 +69,26 @@ IDLE = MOTOR.maximum_voltage / MOTOR.back_voltage
 
 
 @pytest.mark.parametrize(('share', 'asked', 'given'), [
-    (0.0, 9.0, 4.0),  # more than the gear bears is not asked for: the stall torque is 4.32
+    (0.0, 9.0, 4.0),  # limited by the gear: the stall torque is 4.32
     (0.5, 9.0, 0.5 * STALL), (0.5, -9.0, -4.0), (0.5, -1.0, -1.0),
     (1.0, 9.0, 0.0), (1.0, -9.0, -4.0),
-    # Faster than it would idle, the motor brakes even under full voltage.
+    # Above its idle speed the motor brakes even at full voltage.
     (1.5, 9.0, -0.5 * STALL), (1.5, 0.0, -0.5 * STALL), (1.5, -9.0, -4.0),
     (-0.5, 9.0, 4.0), (-0.5, -9.0, -0.5 * STALL), (-1.0, -9.0, 0.0), (-1.5, -9.0, 0.5 * STALL)])
-def test_the_motor_gives_what_its_speed_torque_line_leaves(share, asked, given):
+def test_the_torque_stays_within_the_motor_line(share, asked, given):
     plant = spinning(share * IDLE)
     plant.advance(asked)
     assert plant.torque == pytest.approx(given, abs=1e-12)
 
 
-def test_the_torque_limit_cuts_what_the_motor_could_give_and_never_adds():
+def test_the_torque_limit_only_reduces_the_motor_torque():
     for limit, given in ((1.0, 1.0), (100.0, 0.5 * STALL), (math.inf, 0.5 * STALL)):
         plant = spinning(0.5 * IDLE, torque_limit=limit)
         plant.advance(9.0)
         assert plant.torque == pytest.approx(given)
 
 
-def test_a_robot_without_a_motor_has_no_line():
+def test_a_robot_without_a_motor_has_no_motor_line():
     scene = read_scene({'robot': 'gimball', 'duration': 1.0, 'initial': {
         'y': 50.0, 'ball_rate': -2.0 * IDLE}}, 'test', 'test')
     bare = replace(scene.model.robot, motor=None)
@@ -97,18 +97,18 @@ def test_a_robot_without_a_motor_has_no_line():
     assert plant.torque == 30.0
 
 
-def test_the_work_of_the_motor_is_that_of_the_torque_that_it_is_said_to_have_given():
+def test_the_motor_work_is_the_integral_of_the_reported_torque():
     plant, work = flat(), 0.0
     for _ in range(200):
         before = plant.state
         after = plant.advance(9.0)
         work += plant.torque * (after.joint_angle - before.joint_angle)
-        # No more than the electrical power at its best, at half the idle speed, gives.
+        # The power of the motor is at most its maximum, which is at half the idle speed.
         assert plant.torque * before.joint_rate <= STALL * IDLE / 4.0 + 1e-9
     assert plant.state.motor_work == pytest.approx(work, rel=1e-6) and work > 1.0
 
 
-def test_under_full_torque_the_joint_comes_to_its_idle_speed_and_stays_there():
+def test_under_full_torque_the_joint_approaches_its_idle_speed():
     scene = read_scene({'robot': 'gimball', 'robot_changes': {'joint_friction': 0.0},
                         'duration': 1.0, 'initial': {'y': 50.0}}, 'test', 'test')
     plant = Plant(scene, 500.0)
@@ -123,19 +123,19 @@ def test_a_ball_without_pendulum_has_no_torque():
     assert plant.torque == 0.0
 
 
-def test_reset_brings_the_state_back_and_lets_time_go_on():
+def test_reset_restores_the_state_and_time_continues():
     plant = flat()
     start = plant.state
     first = [plant.advance(0.5) for _ in range(20)]
     assert plant.reset() == start._replace(time=plant.time)
     assert plant.time == 0.04 and plant.torque == 0.0
     second = [plant.advance(0.5) for _ in range(20)]
-    # The same run again, later: nothing of the first is left.
+    # The second run equals the first one at a later time.
     assert [state[1:] for state in second] == [state[1:] for state in first]
     assert second[0].time == pytest.approx(0.042)
 
 
-def test_a_run_that_fails_stays_at_the_last_good_state():
+def test_a_failed_run_stays_at_the_last_valid_state():
     scene = read_scene({
         'robot': 'gimball', 'robot_changes': {'contact_stiffness': 500.0}, 'duration': 1.0,
         'initial': {'y': 1.0, 'velocity_y': -10.0}}, 'test', 'test')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The steering law reaches a yaw rate within its limits, damps, and keeps its reserve."""
+"""The steering law reaches feasible yaw rates, damps nutation, and keeps its reserve."""
 import math
 
 import pytest
@@ -14,7 +14,7 @@ GIMBALL = load_robot('gimball')
 
 
 def drive(state, speed, yaw_rate, duration, dt=2e-3):
-    """Return the states under the law."""
+    """Return the states under the steering law."""
     states = []
     for _ in range(round(duration / dt)):
         state = step(GIMBALL, state, speed, law(GIMBALL, state, speed, yaw_rate), dt)
@@ -24,9 +24,9 @@ def drive(state, speed, yaw_rate, duration, dt=2e-3):
 
 @pytest.mark.parametrize('speed, share', pairs([0.1, 0.2, 0.4, 0.8, 1.2, -0.4], [1.0, -0.5]))
 def test_a_yaw_rate_within_the_limit_is_reached(speed, share):
-    wanted = share * yaw_rate_limit(GIMBALL, speed)
-    end = drive(LateralState(), speed, wanted, 6.0)[-1]
-    assert end.yaw_rate == pytest.approx(wanted, rel=1e-2)
+    target = share * yaw_rate_limit(GIMBALL, speed)
+    end = drive(LateralState(), speed, target, 6.0)[-1]
+    assert end.yaw_rate == pytest.approx(target, rel=1e-2)
     assert end.tilt_rate == pytest.approx(0.0, abs=2e-3)
 
 
@@ -64,8 +64,8 @@ def test_the_curvature_limit_falls_with_speed_and_does_not_depend_on_the_directi
     assert yaw_rate_limit(GIMBALL, 0.4) == pytest.approx(0.4 * limits[3])
 
 
-def test_the_limit_of_a_tilted_wheel_at_rest():
-    # tan(tilt) = curvature R (J1 + J2) / J1, and the pendulum hangs straight.
+def test_the_curvature_limit_at_rest_is_that_of_a_tilted_wheel():
+    # tan(tilt) = curvature R (J1 + J2) / J1, and the pendulum hangs vertically.
     lean = (1.0 - RESERVE) * GIMBALL.steering.largest_lean
     ball, pendulum = GIMBALL.ball_inertia, GIMBALL.pendulum_inertia
     expected = math.tan(lean) * ball / ((ball + pendulum) * GIMBALL.ball_radius)
@@ -74,7 +74,7 @@ def test_the_limit_of_a_tilted_wheel_at_rest():
 
 @pytest.mark.parametrize('field, low', [
     ('steering.largest_lean', 0.2), ('steering.largest_torque', 0.15), ('surface_friction', 0.01)])
-def test_each_limit_counts(field, low):
+def test_each_robot_limit_reduces_the_curvature_limit(field, low):
     from ballbot_ros.physics.model.robot import with_parameters
     less = with_parameters(GIMBALL, {field: low})
     assert curvature_limit(less, 0.6) < 0.8 * curvature_limit(GIMBALL, 0.6)
@@ -90,5 +90,5 @@ def test_the_limit_keeps_a_reserve_of_lean():
     assert turn.lean == pytest.approx((1.0 - RESERVE) * GIMBALL.steering.largest_lean, rel=1e-3)
 
 
-def test_at_standstill_the_pendulum_hangs_straight():
+def test_the_lean_is_zero_at_standstill():
     assert law(GIMBALL, LateralState(), 0.0, 0.3) == 0.0

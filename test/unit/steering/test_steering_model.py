@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lateral model follows from conservation laws, and its steady turns do not move."""
+"""The lateral model obeys the conservation laws, and its steady turns are equilibria."""
 from dataclasses import replace
 import math
 import random
@@ -16,7 +16,7 @@ LOSSLESS = GIMBALL.replace(rolling_friction=0.0)
 
 
 def energy(robot, state, speed):
-    """Return the kinetic and potential energy of (S1) and (S2) beside that of forward motion."""
+    """Return the energy of (S1) and (S2) without that of the forward motion."""
     m, e, radius = robot.pendulum_mass, robot.pendulum_length, robot.ball_radius
     swing, rate = state.lean - state.tilt, state.lean_rate - state.tilt_rate
     sideways, yaw = radius * state.tilt_rate, state.yaw_rate
@@ -28,20 +28,20 @@ def energy(robot, state, speed):
     return 0.5 * (ball + bob + own) - m * robot.gravity * e * math.cos(swing)
 
 
-def test_a_ball_at_rest_keeps_its_energy_while_the_lean_is_held():
+def test_a_ball_at_rest_conserves_energy_while_the_lean_is_held():
     state = LateralState(lean=0.3, tilt=-0.2)
     before = energy(LOSSLESS, state, 0.0)
     swings = []
     for _ in range(2000):
         state = step(LOSSLESS, state, 0.0, 0.3, 1e-3)
         swings.append(state.tilt)
-    # The axis holds the lean against torque: it gives way by a little and does some work.
+    # The lean deviates slightly under load, so the actuator does some work.
     assert energy(LOSSLESS, state, 0.0) == pytest.approx(before, abs=2e-3)
     assert max(swings) - min(swings) > 0.5
 
 
 @pytest.mark.slow
-def test_rolling_friction_takes_energy():
+def test_rolling_friction_dissipates_energy():
     state = LateralState(lean=0.0, tilt=0.3)
     for _ in range(4000):
         state = step(GIMBALL.replace(rolling_friction=0.05), state, 0.0, 0.0, 2e-3)
@@ -81,7 +81,7 @@ def test_small_oscillations_have_the_frequency_of_nutation(speed):
     assert state.tilt_rate == pytest.approx(0.0, abs=0.02 * rate * tilt)
 
 
-def test_turns_to_the_right_mirror_those_to_the_left():
+def test_right_turns_mirror_left_turns():
     left, right = LateralState(), LateralState()
     for _ in range(1000):
         left = step(GIMBALL, left, 0.4, law(GIMBALL, left, 0.4, 0.2), 2e-3)
@@ -99,7 +99,7 @@ def test_lean_rate_and_torque_stay_within_their_limits(torque):
             later = step(robot, state, 0.4, command, 2e-3)
             force = accelerations(robot, state, 0.4, (later.lean_rate - state.lean_rate) / 2e-3)
             assert abs(force.torque) <= torque * (1.0 + 1e-6)
-            # Without torque to stop it, the lean may pass its limits.
+            # If the torque is too low to decelerate the lean, it may exceed its limits.
             if torque >= GIMBALL.steering.largest_torque:
                 assert abs(later.lean_rate) <= limits.largest_lean_rate * (1.0 + 1e-9)
                 assert abs(later.lean) <= limits.largest_lean + 1e-3
@@ -107,7 +107,7 @@ def test_lean_rate_and_torque_stay_within_their_limits(torque):
 
 
 @pytest.mark.parametrize('function', [step, law])
-def test_a_robot_without_steering_says_that_it_drives_straight(function):
+def test_step_and_law_refuse_a_robot_without_steering(function):
     arguments = (LateralState(), 0.4, 0.1) + ((0.01,) if function is step else ())
     with refused('missing', 'steering'):
         function(load_robot('shellball'), *arguments)
@@ -115,7 +115,7 @@ def test_a_robot_without_steering_says_that_it_drives_straight(function):
         function(GIMBALL.replace(steering=None), *arguments)
 
 
-def test_the_lean_answers_a_torque_at_any_yaw_rate():
+def test_the_lateral_acceleration_is_finite_at_any_yaw_rate():
     turning = LateralState(yaw_rate=1e17)
     assert math.isfinite(lateral_acceleration(GIMBALL, turning, 0.5, 0.1))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps at an angle: the shipped table, and what is refused."""
+"""Oblique steps: the shipped table and refused inputs."""
 import math
 
 import pytest
@@ -13,7 +13,7 @@ TABLE = load_oblique_steps()
 CONTENT = read_yaml(shipped_folder('config') / 'oblique' / 'gimball.yaml')
 
 
-def test_the_factor_falls_with_the_angle_to_either_side():
+def test_the_factor_decreases_with_the_angle_on_both_sides():
     factors = [height_factor(math.radians(angle)) for angle in range(0, 46, 5)]
     assert factors[0] == 1.0
     assert factors == sorted(factors, reverse=True)
@@ -35,7 +35,7 @@ def test_beyond_the_table_no_crossing_is_permitted(degrees):
 
 
 @pytest.mark.parametrize('change', [course_change, heading_change])
-def test_the_changes_mirror_and_grow_with_the_height(change):
+def test_the_changes_are_antisymmetric_and_grow_with_the_height(change):
     low, high = change(0.5, 0.8)
     assert low <= high
     assert change(-0.5, 0.8) == (-high, -low)
@@ -48,6 +48,6 @@ def test_the_changes_mirror_and_grow_with_the_height(change):
     ('height_shares', 'all', 'wrong_type'), ('highest_factor', [1, 1, math.nan, 1], 'wrong_type'),
     ('lowest_course_change_deg', [[0, 0, 0]], 'wrong_length'), ('source', 'guessed',
                                                                'not_a_choice')])
-def test_a_table_that_does_not_fit_together_is_refused(field, value, reason):
+def test_an_inconsistent_table_is_refused(field, value, reason):
     with refused(reason, field):
         ObliqueSteps.from_mapping({**CONTENT, field: value}, 'mine.yaml')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The section ``steering`` of a robot file is read, checked, marked and changed as the others."""
+"""The section ``steering`` of a robot file is handled like the other sections."""
 import numpy as np
 import pytest
 from refusals import refused
@@ -12,7 +12,7 @@ GIMBALL = load_robot('gimball')
 CONTENT = read_yaml(shipped_folder('config') / 'robots' / 'gimball.yaml')
 
 
-def test_every_number_of_gimball_is_marked_as_assumed_with_a_range():
+def test_all_steering_parameters_of_gimball_are_assumed_with_a_range():
     for name in STEERING:
         source = GIMBALL.provenance[name]
         assert source.source == 'assumed'
@@ -26,7 +26,7 @@ def test_every_number_of_gimball_is_marked_as_assumed_with_a_range():
     ({'largest_lean_rate': {'value': 90.0, 'unit': 'deg/s'}}, 'not_a_choice',
      'largest_lean_rate'),
     ({'largest_tilt': 0.2}, 'unknown_name', 'largest_tilt')])
-def test_a_wrong_value_is_refused_with_its_place(changes, reason, field):
+def test_an_invalid_value_is_refused_with_its_location(changes, reason, field):
     content = {**CONTENT, 'steering': {**CONTENT['steering'], **changes}}
     with refused(reason, field) as refusal:
         Robot.from_mapping(content, 'mine.yaml')
@@ -40,13 +40,13 @@ def test_a_robot_without_the_section_has_no_steering():
         with_parameters(load_robot('shellball'), {'steering.largest_lean': 0.3})
 
 
-def test_a_number_is_changed_by_its_name():
+def test_a_parameter_is_changed_by_name():
     changed = with_parameters(GIMBALL, {'steering.largest_lean': 0.3})
     assert changed.steering.largest_lean == 0.3
     assert changed.motor == GIMBALL.motor
 
 
-def test_planar_motion_and_its_learned_results_do_not_depend_on_steering():
+def test_planar_motion_and_the_digest_do_not_depend_on_steering():
     without = GIMBALL.replace(steering=None)
     assert without.digest == GIMBALL.digest
     ends = []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag as the simulator's topics fill it, written without ROS."""
+"""Bags with the topics of the simulator, written without ROS."""
 import numpy as np
 
 from ballbot_ros.bags.recorded_run import BALL_STATE, LATERAL_STATE
@@ -8,7 +8,7 @@ from ballbot_ros.bags.writer import RosbagsWriter
 
 
 class BagOf:
-    """Writes what a simulator publishes, by rosbags alone."""
+    """Writer of the messages of a simulator, which uses only rosbags."""
 
     def __init__(self, folder, metadata, namespace=''):
         self.writer = RosbagsWriter(folder, metadata)

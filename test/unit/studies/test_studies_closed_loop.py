@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Many control periods in one call are what plant and controller do one by one."""
+"""Many control periods in one call agree with single periods of plant and controller."""
 import math
 
 import numpy as np
@@ -19,12 +19,12 @@ STEP = Terrain([[-2.0, 0.0], [0.5, 0.0], [0.5, 0.02], [3.0, 0.02]])
 
 
 @pytest.mark.parametrize('terrain', [Terrain.slope(math.radians(3.0)), STEP])
-def test_they_move_the_ball_as_plant_and_controller_do(terrain):
+def test_the_closed_loop_agrees_with_plant_and_controller(terrain):
     scene = Scene('', Model(ROBOT, terrain, solver=SOLVER), Initial(speed=0.5), Actuation(),
                   Run(duration=1.0))
     plant, controller = Plant(scene, 500.0), PendulumController(ROBOT, GAINS)
     loop = ClosedLoop(ROBOT, terrain, ROBOT, GAINS, 0.5, 0.0)
-    # A level pendulum, then one turned back: the torque limit and the motor's line both cut.
+    # The changes of the set angle reach both the torque limit and the motor line.
     for stretch, set_angle in enumerate([1.5, -1.5, 2.6, 0.3] * 25):
         for _ in range(10):
             state = plant.state
@@ -39,7 +39,7 @@ def test_they_move_the_ball_as_plant_and_controller_do(terrain):
         assert loop.torque == pytest.approx(plant.torque, abs=1e-9)
 
 
-def test_a_touch_is_noted_once_with_the_speed_before_it():
+def test_a_touch_is_recorded_once_with_the_speed_before_it():
     loop = ClosedLoop(ROBOT, Terrain.step(0.03, 0.5), ROBOT, GAINS, 0.4, 0.0)
     while loop.watched[0, TOUCH_PERIOD] == 0.0:
         loop.advance(0.0, 1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simpler models have the textbooks' maximum step heights and agree in common limits."""
+"""Simpler models give the textbook maximum step heights and agree in common limits."""
 from dataclasses import replace
 import math
 
@@ -22,12 +22,12 @@ LEVEL = math.pi / 2
 SOLID = replace(SHELLBALL, name='solid', ball_mass=5.4, ball_radius=0.226,
                 ball_inertia=0.4 * 5.4 * 0.226**2)
 ROUGH = replace(SOLID, surface_friction=1e3, edge_friction=1e3)
-# Any direct model must be monotone and consistent for any sensible speed.
+# Each analytical model must be monotone and consistent at all these speeds.
 speeds = st.floats(0.01, 3.0)
 
 
 def test_quasi_static_height_is_that_of_equation_1():
-    # 3.1 % of the total at half the radius: the centre of mass is 0.0233 m off the centre.
+    # The centre of mass is M2 e / M = 0.0233 m off the centre of the ball.
     assert 1e3 * comparators.quasi_static(GIMBALL) == pytest.approx(1.206, abs=5e-4)
     assert comparators.quasi_static(SHELLBALL) == 0.0
 
@@ -38,13 +38,13 @@ def test_at_the_quasi_static_height_the_torques_about_the_edge_balance():
     assert GIMBALL.weight * lever == pytest.approx(GIMBALL.largest_gravity_torque, rel=1e-12)
 
 
-def test_from_a_stand_the_full_model_lies_between_torque_balance_and_energy():
-    # Law (11) holds the pendulum level; the published friction would not carry the ball.
+def test_from_rest_the_full_model_lies_between_torque_balance_and_energy():
+    # Law (11) holds the pendulum level; the published friction would be too low.
     grippy = replace(GIMBALL, edge_friction=5.0, surface_friction=5.0)
     assert crosses(grippy, 1e-3, 0.8 * comparators.quasi_static(GIMBALL), held_at(LEVEL), LEVEL)
-    most = comparators.energy_with_held_pendulum(GIMBALL, 1e-3, LEVEL)
-    assert most == pytest.approx(4.0 * comparators.quasi_static(GIMBALL), rel=0.01)
-    assert not crosses(grippy, 1e-3, 1.2 * most, held_at(LEVEL), LEVEL)
+    bound = comparators.energy_with_held_pendulum(GIMBALL, 1e-3, LEVEL)
+    assert bound == pytest.approx(4.0 * comparators.quasi_static(GIMBALL), rel=0.01)
+    assert not crosses(grippy, 1e-3, 1.2 * bound, held_at(LEVEL), LEVEL)
 
 
 def test_slope_limits_are_those_of_laplante():
@@ -57,7 +57,7 @@ def test_slope_limits_are_those_of_laplante():
     assert math.degrees(comparators.slope_limit(heavy, with_friction=False)) > 50.0
 
 
-def test_energy_of_a_solid_sphere_lifts_it_by_seven_tenths():
+def test_the_energy_height_of_a_solid_sphere_is_seven_tenths_of_v_squared_over_g():
     # h = v^2 / (2 g) (1 + 2/5)
     assert comparators.energy(SOLID, 0.9) == pytest.approx(0.7 * 0.81 / 9.81, rel=1e-12)
 
@@ -71,7 +71,7 @@ def test_a_held_pendulum_adds_the_work_of_its_torque():
         comparators.energy(GIMBALL, 0.6), rel=1e-9)
 
 
-def test_a_plastic_impact_needs_the_textbook_speed():
+def test_a_plastic_impact_requires_the_textbook_speed():
     # Solid sphere, h = R/5: v = sqrt(14 g R) / 6.
     speed = math.sqrt(14.0 * 9.81 * SOLID.ball_radius) / 6.0
     assert comparators.plastic_impulse(SOLID, speed) == pytest.approx(
@@ -82,7 +82,7 @@ def test_a_plastic_impact_needs_the_textbook_speed():
 
 
 def impact_by_mass_matrix(robot, speed, height, angle):
-    """Return rates after a plastic impact and the mass matrix, all four degrees of freedom."""
+    """Return the rates after a plastic impact, and the mass matrix, of all four coordinates."""
     radius = robot.ball_radius
     ahead = radius - height
     up = math.sqrt(radius**2 - ahead**2)
@@ -95,12 +95,12 @@ def impact_by_mass_matrix(robot, speed, height, angle):
 
 
 @given(speeds, st.floats(-math.pi, math.pi))
-def test_the_free_pendulum_impulse_is_that_of_the_mass_matrix(speed, angle):
+def test_the_free_pendulum_impulse_agrees_with_the_mass_matrix(speed, angle):
     height = comparators.free_pendulum_impulse(GIMBALL, speed, angle)
     if height >= 0.99 * GIMBALL.ball_radius:
         return
     rates, mass = impact_by_mass_matrix(GIMBALL, speed, height, angle)
-    swing = mass[1] @ rates  # momentum of the joint, which the impact leaves alone
+    swing = mass[1] @ rates  # joint momentum, which the impact does not change
     left_over = 0.5 * swing**2 / mass[1, 1]
     assert 0.5 * rates @ mass @ rates - left_over == pytest.approx(
         GIMBALL.weight * height, rel=1e-6)
@@ -109,15 +109,15 @@ def test_the_free_pendulum_impulse_is_that_of_the_mass_matrix(speed, angle):
 @given(speeds)
 def test_energy_bounds_every_momentum_model(speed):
     for robot in (GIMBALL, SHELLBALL):
-        most = comparators.energy(robot, speed)
-        assert comparators.plastic_impulse(robot, speed) <= most
-        assert comparators.free_pendulum_impulse(robot, speed) <= most * (1.0 + 1e-9)
+        bound = comparators.energy(robot, speed)
+        assert comparators.plastic_impulse(robot, speed) <= bound
+        assert comparators.free_pendulum_impulse(robot, speed) <= bound * (1.0 + 1e-9)
     assert (comparators.plastic_impulse_with_held_pendulum(GIMBALL, speed, LEVEL)
             <= comparators.energy_with_held_pendulum(GIMBALL, speed, LEVEL))
 
 
 @pytest.mark.parametrize('speed', [0.2, 0.6, 1.1])
-def test_impacts_without_bounce_or_slip_are_the_plastic_impulse(speed):
+def test_impacts_without_bounce_or_slip_agree_with_the_plastic_impulse(speed):
     assert impact_with_restitution(ROUGH, speed, 0.0, 1e-7) == pytest.approx(
         comparators.plastic_impulse(ROUGH, speed), abs=1e-6)
 
@@ -127,13 +127,13 @@ def test_a_perfectly_elastic_frictionless_ball_keeps_its_energy_and_turns_back()
     ball = RigidBall(slippery, 1.0, 0.08, 1.0)
     lean = math.acos(1.0 - 0.08 / 0.226)
     ball.touch(EDGE)
-    # Reflected about the tangent: the velocity turns by twice its angle with it.
+    # The velocity is reflected at the tangent: it turns by twice its angle to it.
     assert (ball.velocity_x, ball.velocity_y) == pytest.approx(
         (math.cos(2.0 * lean), math.sin(2.0 * lean)))
     assert ball.rim_speed == 1.0
 
 
-def test_a_spinning_ball_that_drops_grips_as_the_textbook_says():
+def test_a_spinning_ball_that_drops_sticks_as_in_the_textbook():
     # A solid sphere with spin, dropped: sticking takes 2/7 of the rim speed.
     ball = RigidBall(ROUGH, 0.0, 0.08, 0.5)
     ball.rim_speed, ball.velocity_y = 0.7, -2.0
@@ -148,7 +148,7 @@ def test_friction_limits_the_tangential_impulse():
     assert ball.velocity_x == pytest.approx(0.01 * (1.0 + 0.5) * 2.0)
 
 
-def test_a_thrown_ball_lands_where_the_parabola_ends():
+def test_a_thrown_ball_lands_at_the_end_of_its_parabola():
     ball = RigidBall(SOLID, 0.0, 0.08, 0.9)
     ball.x, ball.velocity_x, ball.velocity_y, ball.on = -2.0, 0.5, 2.0, FLYING
     rising = True

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of simpler models says where they hold."""
+"""Comparison of simpler models with the full model: accuracy, table and command."""
 import json
 import math
 
@@ -16,7 +16,7 @@ GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 
 
 def heights(case, speeds):
-    """Return the heights of each model by its name [m]."""
+    """Return the heights of each model by name [m]."""
     found = compare(case, np.array(speeds))
     return {curve.name: curve.heights for curve in (found.full, *found.others)}
 
@@ -46,7 +46,7 @@ def test_an_actuation_that_the_models_do_not_have_is_refused():
         compare(Case(GIMBALL, Actuation(law='velocity', set_rate=3.0)), np.array([0.4]))
 
 
-def test_ranges_of_speeds_are_found():
+def test_selected_speeds_are_grouped_into_ranges():
     speeds = np.array([0.2, 0.4, 0.6, 0.8])
     assert spans(speeds, np.array([True, True, False, True])) == [(0.2, 0.4), (0.8, 0.8)]
     assert spans(speeds, np.zeros(4, bool)) == []
@@ -68,7 +68,7 @@ def test_the_command_prints_a_row_for_each_model(capsys, few):
         'model', 'full model', 'energy', 'plastic impulse', 'impacts and flight']
 
 
-def test_the_command_gives_all_heights_as_json(capsys, few):
+def test_the_command_prints_all_heights_as_json(capsys, few):
     assert main(['compare-models', '--actuation', 'held', '--json']) == 0
     found = json.loads(capsys.readouterr().out)
     assert found['speeds'] == [0.3, 0.9]
@@ -78,6 +78,6 @@ def test_the_command_gives_all_heights_as_json(capsys, few):
 @pytest.mark.parametrize('words, part', [
     (['--robot', 'gimbal'], "did you mean 'gimball'"), (['--angle-deg', 'nan'], '--angle-deg'),
     (['--robot', 'shellball', '--actuation', 'held'], 'needs a pendulum')])
-def test_mistakes_on_the_command_line_are_named(capsys, words, part):
+def test_errors_on_the_command_line_are_reported(capsys, words, part):
     assert main(['compare-models', *words]) == 2
     assert part in capsys.readouterr().err

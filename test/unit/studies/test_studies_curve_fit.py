@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Curves from the simulation: rising, never above it where that is said, and its robot's own."""
+"""Curves fitted to the simulation: monotone, conservative variants below it, provenance."""
 import math
 
 from hypothesis import given, settings, strategies
@@ -34,7 +34,7 @@ def least_slope(coefficients):
 
 @given(strategies.tuples(numbers, numbers, numbers, numbers))
 @settings(max_examples=40, deadline=None)
-def test_a_cubic_that_rises_is_found_again(coefficients):
+def test_a_rising_cubic_is_recovered(coefficients):
     heights = np.polynomial.Polynomial(coefficients)(SPEEDS)
     if least_slope(coefficients) > 2.0 * LEAST_SLOPE:
         np.testing.assert_allclose(monotone_cubic(SPEEDS, heights), coefficients, atol=1e-9)
@@ -42,7 +42,7 @@ def test_a_cubic_that_rises_is_found_again(coefficients):
 
 @given(strategies.lists(strategies.floats(-0.004, 0.004), min_size=21, max_size=21))
 @settings(max_examples=25, deadline=None)
-def test_the_fit_rises_and_no_rising_cubic_is_better_even_where_the_heights_do_not(bumps):
+def test_the_fit_is_the_best_rising_cubic_even_for_heights_that_do_not_rise(bumps):
     heights = 0.02 + 0.01 * np.tanh(3.0 * (SPEEDS - 0.5)) + np.array(bumps)
     found = monotone_cubic(SPEEDS, heights)
     assert least_slope(found) > 0.0
@@ -57,22 +57,22 @@ def test_the_fit_rises_and_no_rising_cubic_is_better_even_where_the_heights_do_n
 
 @given(strategies.lists(strategies.floats(-0.002, 0.002), min_size=161, max_size=161))
 @settings(max_examples=25, deadline=None)
-def test_the_conservative_cubic_rises_below_everything(bumps):
+def test_the_conservative_cubic_rises_and_is_below_all_heights(bumps):
     heights = 0.03 * DENSE + np.array(bumps)
     found = conservative_cubic(DENSE, heights)
     assert least_slope(found) > 0.0
     assert (np.polynomial.Polynomial(found)(DENSE) < heights).all()
 
 
-def test_the_conservative_cubic_loses_no_more_than_it_must():
+def test_the_conservative_cubic_is_close_below_a_cubic_of_heights():
     coefficients = np.array([-0.001, 0.002, 0.07, -0.03])
     heights = np.polynomial.Polynomial(coefficients)(DENSE)
-    lost = heights - np.polynomial.Polynomial(conservative_cubic(DENSE, heights))(DENSE)
-    assert 0.0 < lost.max() < 2e-6
+    gap = heights - np.polynomial.Polynomial(conservative_cubic(DENSE, heights))(DENSE)
+    assert 0.0 < gap.max() < 2e-6
 
 
 @pytest.mark.parametrize('name', SHIPPED)
-def test_no_shipped_conservative_curve_promises_more_than_the_simulation(name):
+def test_no_shipped_conservative_curve_is_above_the_simulation(name):
     curve, fit = load_curve(name, 'conservative'), load_curve(name)
     robot = load_robot(curve.robot)
     for speed in np.random.default_rng(7).uniform(0.2, 1.2, 40):
@@ -84,7 +84,7 @@ def test_no_shipped_conservative_curve_promises_more_than_the_simulation(name):
 
 
 @pytest.mark.parametrize('name', SHIPPED)
-def test_a_shipped_curve_says_how_it_was_made(name):
+def test_a_shipped_curve_contains_its_provenance(name):
     curve = load_curve(name)
     robot = load_robot(curve.robot)
     assert curve.made.robot_digest == robot.digest
@@ -105,10 +105,10 @@ def test_covariance_and_residual_are_those_of_least_squares():
     _, known = np.polyfit(SPEEDS, heights, 3, cov=True)
     np.testing.assert_allclose(curve.covariance, known[::-1, ::-1], rtol=1e-6)
     misfit = np.abs(np.polynomial.Polynomial(curve.coefficients)(SPEEDS) - heights).max()
-    assert misfit <= curve.residual <= misfit + 1e-6, 'a bound, and rounded to a micrometre'
+    assert misfit <= curve.residual <= misfit + 1e-6, 'a bound, rounded up to a micrometre'
 
 
-def test_drawn_robots_keep_their_ranges_and_the_mass_that_a_balance_shows():
+def test_sampled_robots_keep_their_ranges_and_their_total_mass():
     robots = draw(GIMBALL, 100, seed=3)
     assert len(robots) == 100 and len({robot.digest for robot in robots}) == 100
     for name, (low, high) in uncertain(GIMBALL).items():
@@ -120,7 +120,7 @@ def test_drawn_robots_keep_their_ranges_and_the_mass_that_a_balance_shows():
     assert draw(SHELLBALL, 3) == [SHELLBALL] * 3
 
 
-def test_the_probability_of_passing_is_the_part_of_the_robots_that_pass():
+def test_the_probability_of_passing_is_the_fraction_of_robots_that_pass():
     band = load_curve('gimball_free').band
     robots = draw(GIMBALL, 64, seed=11)
     for speed in (0.5, 0.9):
@@ -131,14 +131,14 @@ def test_the_probability_of_passing_is_the_part_of_the_robots_that_pass():
             assert band.probability_of_passing(speed, height) == pytest.approx(counted, abs=0.08)
 
 
-def test_a_curve_without_a_band_does_not_mention_one(tmp_path):
+def test_the_file_of_a_curve_without_a_band_contains_no_band(tmp_path):
     path = tmp_path / 'mine.yaml'
     assert main(['fit-curve', '--robot', 'shellball', '--out', str(path), '--speed', '0.2:0.6:6',
                  '--accuracy', '1e-4', '--quiet']) == 0
     assert load_curve(str(path)).band is None and 'band' not in path.read_text()
 
 
-def test_a_written_curve_is_read_again(tmp_path, capsys):
+def test_a_written_curve_loads_unchanged(tmp_path, capsys):
     path = tmp_path / 'mine.yaml'
     assert main(['fit-curve', '--robot', 'gimball', '--actuation', 'velocity', '--out', str(path),
                  '--samples', '2', '--speed', '0.2:0.6:6', '--quiet']) == 0
@@ -163,7 +163,7 @@ def test_a_written_curve_is_read_again(tmp_path, capsys):
     (['--out', 'x.yaml', '--samples', '1'], 'out_of_range', 'samples'),
     (['--out', 'x.yaml', '--robot', 'shellball', '--samples', '8'], 'inconsistent', 'samples'),
     (['--out', 'x.yaml', '--angle-deg', '3'], 'inconsistent', '--angle-deg')])
-def test_a_curve_that_cannot_be_made_is_refused(
+def test_impossible_options_are_refused_before_output(
         refuses, tmp_path, monkeypatch, words, reason, field):
     monkeypatch.chdir(tmp_path)
     refuses(reason, field, 'fit-curve', *words)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Approaches are drawn by their numbers, run, monitord by the true state, and kept."""
+"""Approaches: sampled by number, simulated, monitored by the true state, and stored."""
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 import json
@@ -24,20 +24,20 @@ SMALL = Evaluation((('cubic', 'drawn', 12),), sensor='step', kind='step')
 
 
 def timeless(row):
-    """Return a row as text, without what depends on the machine."""
+    """Return a row as text, without the values that depend on the machine."""
     return json.dumps({name: value for name, value in row.items()
                        if not name.endswith('_ms') and name != 'cpu_s'})
 
 
 def an_approach(*vertices, goal=float('inf'), speed=0.4):
-    """Return an approach on a ground, with a perfect sensor."""
+    """Return an approach on a terrain, with an ideal sensor."""
     ground = Ground('', '', Terrain(vertices), 1.0, goal, 0.0, 'any')
     return replace(draw_approach(NOMINAL.robot, NOMINAL.tuning, 0, 0), robot=NOMINAL.robot,
                    ground=ground, sensor=SensorModel(), speed=speed, room_behind=0.0)
 
 
 def judged(approach, kind, angle=0.0, distance=1.0, limit=8.0):
-    """Return the verdict of a ball that rolls on while a decision stands."""
+    """Return the verdict on a ball that rolls with a constant decision."""
     loop = ClosedLoop(approach.robot, approach.ground.terrain, NOMINAL.robot, NOMINAL.gains,
                       approach.speed, 0.0)
     monitor = OutcomeMonitor(approach, loop, NOMINAL.tuning)
@@ -53,7 +53,7 @@ def judged(approach, kind, angle=0.0, distance=1.0, limit=8.0):
 
 
 @pytest.mark.parametrize('kind', KINDS)
-def test_each_kind_of_ground_can_be_rolled_on_and_seen(kind):
+def test_the_ball_can_roll_on_and_observe_each_kind_of_ground(kind):
     for number in range(5):
         approach = draw_approach(NOMINAL.robot, NOMINAL.tuning, 1, number, kind)
         ground = approach.ground
@@ -68,7 +68,7 @@ def test_each_kind_of_ground_can_be_rolled_on_and_seen(kind):
         assert len(sensor.arrived(0.0)) == 1
 
 
-def test_an_approach_depends_on_its_seed_and_number_alone():
+def test_an_approach_depends_only_on_its_seed_and_number():
     one = draw_approach(NOMINAL.robot, NOMINAL.tuning, 3, 7)
     draw_approach(NOMINAL.robot, NOMINAL.tuning, 3, 8)
     again = draw_approach(NOMINAL.robot, NOMINAL.tuning, 3, 7)
@@ -78,7 +78,7 @@ def test_an_approach_depends_on_its_seed_and_number_alone():
     assert one.robot != other.robot
 
 
-def test_messages_arrive_delayed_by_the_latency_and_keep_their_stamp():
+def test_messages_arrive_after_the_latency_and_keep_their_stamp():
     model = SensorModel(faults=SensorFaults(latency=0.1))
     sensor = SimulatedSensor(Terrain.step(0.02, 1.0), model, 0)
     sensor.sample(0, 5.0, 0.0, 0.226)
@@ -97,18 +97,18 @@ def test_a_ball_that_rolls_off_a_drop_without_crossing_it_fell():
     assert judged(deep, Kind.CROSS, distance=0.5).outcome == 'fell'
 
 
-def test_a_face_that_is_touched_is_a_hit_unless_it_is_crossed():
+def test_a_touched_face_is_a_hit_unless_the_decision_is_to_cross_it():
     step = an_approach([-9.0, 0.0], [0.6, 0.0], [0.6, 0.1], [9.0, 0.1])
     found = judged(step, Kind.STOP)
     assert found.outcome == 'hit' and 0.3 < found.hit_speed < 0.4
-    # Of two edges only the one that is meant is taken.
+    # A decision to cross applies to the face at its distance only.
     assert judged(step, Kind.CROSS, distance=0.3).outcome == 'hit'
     attempt, = judged(step, Kind.CROSS, distance=0.6).attempts
     assert attempt.over is False
     assert judged(replace(step, speed=0.09), Kind.STOP, limit=12.0).outcome != 'hit'
 
 
-def test_a_ball_over_the_goal_is_over_and_its_attempt_succeeded():
+def test_a_ball_past_the_goal_is_over_and_its_attempt_succeeded():
     step = an_approach([-9.0, 0.0], [0.6, 0.0], [0.6, 0.01], [9.0, 0.01], goal=0.6, speed=0.6)
     found = judged(step, Kind.CROSS, distance=0.6)
     assert found.outcome == 'over' and [one.over for one in found.attempts] == [True]
@@ -126,20 +126,20 @@ def test_a_ball_that_rolls_back_over_unknown_ground_ran_away():
     assert judged(flat, Kind.BACK_OFF, angle=-0.5).outcome == 'ran away'
 
 
-def test_a_cord_that_is_rolled_over_is_not_a_fall():
+def test_rolling_over_a_cord_is_not_a_fall():
     cord = an_approach([-9.0, 0.0], [0.5, 0.0], [0.5, 0.007], [0.51, 0.007], [0.51, 0.0],
                        [9.0, 0.0], goal=0.51, speed=0.6)
     found = judged(cord, Kind.CLEAR)
     assert (found.outcome, found.bumps) == ('over', 1)
 
 
-def test_a_ball_that_crosses_a_step_down_makes_an_attempt():
+def test_crossing_a_step_down_is_an_attempt():
     down = an_approach([-9.0, 0.0], [0.5, 0.0], [0.5, -0.02], [9.0, -0.02], goal=0.5)
     attempt, = judged(down, Kind.CROSS, distance=0.5).attempts
     assert attempt.over and attempt.face == 0.5
 
 
-def test_granted_floor_is_there_and_the_floor_behind_ends_where_it_says():
+def test_granted_floor_exists_and_the_floor_behind_ends_at_the_stated_distance():
     granted = exact = 0
     for number in range(60):
         approach = draw_approach(NOMINAL.robot, NOMINAL.tuning, 2, number)
@@ -161,14 +161,14 @@ def camera_points(terrain, **numbers):
     return found[0], found[1]
 
 
-def test_a_camera_samples_at_equal_angles_and_edges_hide_the_floor():
+def test_a_camera_samples_at_equal_angles_and_edges_occlude_the_floor():
     x, z = camera_points(Terrain([[-9.0, 0.0], [1.0, 0.0], [1.0, -0.2], [9.0, -0.2]]),
                          eye_height=0.2)
     angles = np.degrees(np.arctan2(z - 0.2, x))
     assert np.ptp(np.diff(angles)) < 1e-6
     on_floor, beyond = x < 1.0, x > 1.0
     assert np.allclose(z[on_floor], -0.226) and np.allclose(z[beyond], -0.426)
-    assert x[beyond].min() > 1.4  # behind the shadow of the edge
+    assert x[beyond].min() > 1.4  # behind the floor that the edge occludes
 
 
 def test_a_frozen_sensor_repeats_its_content_with_new_stamps():
@@ -180,7 +180,7 @@ def test_a_frozen_sensor_repeats_its_content_with_new_stamps():
     assert [one.distance for one in found] == pytest.approx([1.0, 0.9, 0.8, 0.8, 0.8, 0.8])
 
 
-def test_reordered_messages_overtake_each_other():
+def test_reordered_messages_arrive_out_of_order():
     sensor = SimulatedSensor(Terrain.step(0.02, 1.0), SensorModel(reordering=0.2), 0)
     for number in range(30):
         sensor.sample(number, 0.02 * number, 0.0, 0.226)
@@ -208,7 +208,7 @@ def test_an_evaluation_resumes_where_it_was_interrupted(tmp_path):
     assert sorted(map(timeless, resumed)) == sorted(map(timeless, whole))
 
 
-def test_results_of_another_evaluation_are_not_mixed_in(tmp_path):
+def test_a_folder_with_results_of_another_evaluation_is_refused(tmp_path):
     with ThreadPoolExecutor(1) as pool:
         run_evaluation(replace(SMALL, parts=(('cubic', 'drawn', 1),)), tmp_path, pool, 1)
         with refused('inconsistent', str(tmp_path / FOLDER)):
@@ -218,7 +218,7 @@ def test_results_of_another_evaluation_are_not_mixed_in(tmp_path):
             run_evaluation(SMALL, tmp_path, pool, 1)
 
 
-def test_the_log_has_the_decisions_and_the_outcome():
+def test_the_log_contains_the_terrain_and_the_outcome():
     lines, row = run_with_log(SMALL.approach('drawn', 2), 'cubic', NOMINAL)
     text = '\n'.join(lines)
     assert 'true faces' in text and row['outcome'] in text and 'approach 2 of seed 0' in text

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The report counts what happened, and marks targets that are missed."""
+"""The report counts outcomes and marks missed targets."""
 from concurrent.futures import ThreadPoolExecutor
 import json
 import math
@@ -40,20 +40,20 @@ def attempt(probability, over, same=False, **margins):
 
 
 def found(rows, crossable=(), name=''):
-    """Return the line of the targets that begins with some words."""
+    """Return whether the target whose name starts with `name` is met."""
     line, = [line for line in targets(rows, crossable) if line['figure'].startswith(name)]
     return line['met']
 
 
 def test_the_interval_is_that_of_clopper_and_pearson():
-    # All of n: the lower end is (1 - level) / 2 to the power of 1 / n.
+    # For n of n the lower limit is ((1 - level) / 2)^(1 / n).
     assert interval(10, 10) == (pytest.approx(0.025**0.1), 1.0)
     assert interval(0, 10) == (0.0, pytest.approx(1.0 - 0.025**0.1))
     low, high = interval(5, 10)
     assert low + high == pytest.approx(1.0)
 
 
-def test_a_fall_counts_on_gentle_slopes():
+def test_a_fall_counts_only_on_gentle_slopes():
     falls = 'falls'
     assert found([row()], name=falls)
     assert not found([row(outcome='fell')], name=falls)
@@ -81,7 +81,7 @@ def test_repeated_plans_decision_changes_and_crossings_are_counted():
     assert not found([], [row()] * 14 + [row(outcome='stopped')] * 2, name='crossings')
 
 
-def test_page_summary_and_picture_show_every_planner_and_mark_what_is_missed():
+def test_page_summary_and_figure_show_every_planner_and_mark_missed_targets():
     evaluation = SimpleNamespace(
         parts=(('cubic', 'drawn', 2), ('cubic', 'crossable', 1)), seed=0, kind=None, sensor=None,
         required_probability=None, limits=LIMITS, nominal=lambda: NOMINAL)
@@ -95,7 +95,7 @@ def test_page_summary_and_picture_show_every_planner_and_mark_what_is_missed():
     assert len(figures.evaluation(counted).axes) == 3
 
 
-def test_a_colour_of_the_picture_is_a_planner_or_an_outcome():
+def test_colours_of_planners_and_outcomes_differ():
     assert not set(figures.COLOURS) & set(figures.BAD.values())
 
 
@@ -115,7 +115,7 @@ def test_each_baseline_decides_on_a_step(rule, tmp_path):
     assert result['failure'] == '' and result['decisions'] > 10
 
 
-def test_a_limit_never_falls_with_more_room():
+def test_the_height_limit_never_falls_with_more_room():
     assert limit_at(LIMITS, 0.05) == 0.0
     assert limit_at(LIMITS, 0.55) == pytest.approx(0.03)
     assert limit_at(LIMITS, 2.0) == limit_at(LIMITS, 9.0) == 0.05
@@ -128,7 +128,7 @@ def test_crossable_steps_are_below_the_limit_of_their_run_up():
         assert 0.008 <= rise <= 0.05 and approach.ground.goal == approach.ground.foot
 
 
-def test_limits_are_kept_in_a_file_and_searched_once(tmp_path, monkeypatch):
+def test_limits_are_stored_in_a_file_and_searched_once(tmp_path, monkeypatch):
     asked, done = [], []
     monkeypatch.setattr(search, 'limit_of_most',
                         lambda robot, gains, run_up: asked.append(run_up) or 0.1 * run_up)
@@ -140,15 +140,15 @@ def test_limits_are_kept_in_a_file_and_searched_once(tmp_path, monkeypatch):
     assert dict(first)[0.5] == pytest.approx(0.05)
 
 
-def test_a_swing_carries_over_more_than_a_hanging_pendulum():
+def test_a_swing_crosses_higher_steps_than_a_hanging_pendulum():
     hanging = height_limit(GIMBALL, GIMBALL, NOMINAL.gains, 0.5,
                            [Manoeuvre(0.5, -1.0, 0.0)])
     swinging = height_limit(GIMBALL, GIMBALL, NOMINAL.gains, 0.5,
                             [Manoeuvre(0.5, 0.3, 1.57)])
-    # The curve of the pendulum that hangs down says 14 mm at 0.5 m/s; here it keeps the speed.
+    # The curve of the hanging pendulum gives 14 mm at 0.5 m/s; here the speed is controlled.
     assert 0.013 < hanging < 0.02 and swinging > hanging + 0.01
 
 
-def test_a_way_that_touches_too_fast_leads_nowhere():
+def test_a_manoeuvre_that_touches_too_fast_does_not_cross():
     loop = ClosedLoop(GIMBALL, Terrain.step(0.02, 1.0), GIMBALL, NOMINAL.gains, 1.3, 0.0)
     assert not gets_over(loop, Manoeuvre(1.3, -1.0, 0.0), 0.9, 1.1, 0.0)

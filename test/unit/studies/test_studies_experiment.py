@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An experiment: a file that is checked, a folder that holds all it needs and runs again."""
+"""Experiments: checks of the file, and folders that contain all inputs and repeat the run."""
 import json
 import math
 import shutil
@@ -29,7 +29,7 @@ def write(folder, **changes):
 
 
 @pytest.mark.parametrize('path', shipped_files('experiments'), ids=lambda path: path.stem)
-def test_the_shipped_experiments_are_right(path):
+def test_the_shipped_experiments_are_valid(path):
     assert load_experiment(path).periods > 0
 
 
@@ -49,12 +49,12 @@ def test_the_shipped_experiments_are_right(path):
     ({'obstacle_decision': {}, 'simulator': {'terrain_rate': 50.0, 'observation_rate': 50.0}},
      'inconsistent', 'observation_rate'),
     ({'obstacle_decision': {'outcome_log': 'here'}}, 'not_settable', 'outcome_log')])
-def test_an_error_in_the_file_is_named(tmp_path, changes, reason, field):
+def test_an_error_in_the_file_is_reported_with_its_field(tmp_path, changes, reason, field):
     with refused(reason, field):
         freeze(load_experiment(write(tmp_path, **changes)))
 
 
-def test_the_folder_holds_all_that_is_read_and_gives_the_same_parameters(tmp_path):
+def test_the_folder_contains_all_inputs_and_gives_the_same_parameters(tmp_path):
     shutil.copy(shipped_files('scenes')[0], tmp_path / 'mine.yaml')
     plan = load_experiment(write(tmp_path, scene='./mine.yaml', obstacle_decision={}))
     for name, text in freeze(plan).items():
@@ -71,8 +71,8 @@ def test_the_folder_holds_all_that_is_read_and_gives_the_same_parameters(tmp_pat
         assert nodes['obstacle_decision'][name].startswith(str(tmp_path / 'moved'))
 
 
-def pretend(monkeypatch, wrong=()):
-    """Let runs be made without nodes; those with a seed in `wrong` end as given there."""
+def fake_runs(monkeypatch, wrong=()):
+    """Replace runs by ones without nodes; seeds in `wrong` raise the error given there."""
     made = []
 
     def run(folder, nodes, periods, metadata, timeout):
@@ -99,8 +99,8 @@ def pretend(monkeypatch, wrong=()):
 
 
 @pytest.mark.slow
-def test_a_folder_gives_the_same_numbers_again(tmp_path, monkeypatch, capsys):
-    pretend(monkeypatch)
+def test_a_folder_reproduces_its_numbers(tmp_path, monkeypatch, capsys):
+    fake_runs(monkeypatch)
     out = tmp_path / 'out'
     assert run_experiment(str(write(tmp_path)), out, False, 60.0)
     assert (out / 'results.csv').read_text().startswith('seed [1],x [m],speed [m/s],')
@@ -112,12 +112,12 @@ def test_a_folder_gives_the_same_numbers_again(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_a_number_that_differs_is_reported_by_time_and_topic(tmp_path, monkeypatch, capsys):
-    pretend(monkeypatch, {'drift': True})
+def test_a_difference_is_reported(tmp_path, monkeypatch, capsys):
+    fake_runs(monkeypatch, {'drift': True})
     assert run_experiment(str(write(tmp_path, seeds=[3])), tmp_path / 'out', True, 60.0)
     assert not run_experiment(str(tmp_path / 'out'), None, False, 60.0)
-    said = capsys.readouterr().out
-    assert 'same numbers: no' in said and 'differs from t = 0.1' in said
+    out = capsys.readouterr().out
+    assert 'same numbers: no' in out and 'differs from t = 0.1' in out
 
 
 @pytest.mark.parametrize('ending', [
@@ -125,18 +125,18 @@ def test_a_number_that_differs_is_reported_by_time_and_topic(tmp_path, monkeypat
 def test_completed_seeds_are_kept_and_the_others_run_later(
         tmp_path, monkeypatch, ending):
     file, out = str(write(tmp_path)), tmp_path / 'out'
-    pretend(monkeypatch, {5: ending})
+    fake_runs(monkeypatch, {5: ending})
     with pytest.raises(type(ending)):
         run_experiment(file, out, True, 60.0)
     assert (out / 'seed_3').is_dir() and not (out / 'seed_5').exists()
-    assert not list(out.glob('.*'))  # nothing half
-    made = pretend(monkeypatch)
+    assert not list(out.glob('.*'))  # no partial results
+    made = fake_runs(monkeypatch)
     assert run_experiment(file, out, True, 60.0)
     assert made == [5] and (out / 'results.csv').read_text().count('\n') == 3
 
 
-def test_a_folder_of_another_experiment_is_left_alone(tmp_path, monkeypatch):
-    pretend(monkeypatch)
+def test_a_folder_of_another_experiment_is_not_changed(tmp_path, monkeypatch):
+    fake_runs(monkeypatch)
     run_experiment(str(write(tmp_path)), tmp_path / 'out', True, 60.0)
     with refused('exists', '--out'):
         run_experiment(str(write(tmp_path, duration=0.3)), tmp_path / 'out', True, 60.0)

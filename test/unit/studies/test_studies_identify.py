@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers come back from noisy runs within their intervals; undetermined ones are named."""
+"""Identification from noisy runs: intervals contain the truth, undetermined ones are named."""
 from dataclasses import replace
 import json
 import math
@@ -26,7 +26,7 @@ ENCODER = 2e-3  # noise [rad]
 
 
 def recorded(scene, seed, noise=ENCODER):
-    """Return the readings of the encoders of shell and joint in a run."""
+    """Return a recording of the encoders of shell and joint with noise."""
     run, chance = scene.simulate(), np.random.default_rng(seed)
     return Recording({name: (run['time'], values + chance.normal(0.0, noise, len(run)))
                       for name, values in (
@@ -35,7 +35,7 @@ def recorded(scene, seed, noise=ENCODER):
 
 
 @pytest.mark.slow
-def test_known_numbers_lie_within_their_intervals_as_often_as_promised():
+def test_intervals_contain_the_true_parameters_at_their_confidence_level():
     inside = []
     for seed in range(10):
         found = identify(GUESS, recorded(TRUTH, seed), ['joint_friction', 'ball_inertia'])
@@ -46,13 +46,13 @@ def test_known_numbers_lie_within_their_intervals_as_often_as_promised():
             inside.append(item.low <= truth <= item.high)
             assert item.high - item.low < 0.2 * truth
         assert found.noise['ball_angle'] == pytest.approx(ENCODER, rel=0.2)
-    # Of 20 intervals at 95 %, fewer than 17 hold one time in sixty.
+    # Of 20 intervals at 95 %, fewer than 17 contain the truth with a probability of 1/60.
     assert sum(inside) >= 17
 
 
 @pytest.mark.slow
-def test_numbers_that_leave_no_trace_are_not_determined():
-    # There is no edge, and the speed of no bounce depends on it: no sample says anything.
+def test_parameters_without_effect_on_the_data_are_not_determined():
+    # There is no edge, so no sample depends on its friction.
     found = identify(GUESS, recorded(TRUTH, 1), ['joint_friction', 'edge_friction'])
     friction, edge = found.estimates
     assert friction.determined and not edge.determined
@@ -62,8 +62,8 @@ def test_numbers_that_leave_no_trace_are_not_determined():
 
 
 @pytest.mark.slow
-def test_numbers_that_only_count_together_are_not_determined_alone():
-    # Torque is all that the two have to do with the motion: a voltage times a constant.
+def test_parameters_that_act_only_as_a_product_are_not_determined_separately():
+    # Both affect the motion only by the torque, which is proportional to their product.
     driven = read_scene({**SWING, 'initial': {}, 'actuation': {'law': 'voltage', 'voltage': 4.0}},
                         'driven', 'driven')
     names = ['motor.gear_efficiency', 'motor.torque_constant']
@@ -72,12 +72,12 @@ def test_numbers_that_only_count_together_are_not_determined_alone():
     assert sure == {names[0]: False, names[1]: False, 'joint_friction': True}
     combination, = found.vague
     assert set(combination) == set(names)
-    # What stays the same is their product.
+    # Only their product is determined.
     assert combination[names[0]] == pytest.approx(-combination[names[1]], abs=0.02)
 
 
 @pytest.mark.slow
-def test_a_start_that_is_not_known_can_be_estimated_too():
+def test_an_unknown_initial_state_can_be_estimated():
     tilted = with_values(TRUTH, {'initial.pendulum_angle_deg': 66.0})
     found = identify(TRUTH, recorded(tilted, 5), ['initial.pendulum_angle_deg', 'joint_friction'])
     angle = found.estimates[0]
@@ -98,7 +98,7 @@ def test_a_recorded_torque_is_replayed():
 
 
 @pytest.mark.slow
-def test_the_command_reads_a_csv_and_leaves_table_and_figure(tmp_path, capsys):
+def test_the_command_reads_a_csv_and_writes_table_and_figure(tmp_path, capsys):
     write_csv(TRUTH.simulate(), tmp_path / 'run.csv')
     scene = tmp_path / 'mine.yaml'
     scene.write_text('robot: gimball\nrobot_changes: {joint_friction: 0.2}\n'
@@ -119,7 +119,7 @@ def test_the_command_reads_a_csv_and_leaves_table_and_figure(tmp_path, capsys):
 
 
 def test_noise_free_data_never_exclude_the_true_value():
-    # With the step of the shipped scenes, which is not that of the fit.
+    # The run uses the step of the shipped scenes, which differs from that of the fit.
     truth = read_scene({**SWING, 'solver': {}}, 'swing', 'swing')
     run = truth.simulate()
     recording = Recording({name: (run['time'], run[name])
@@ -128,13 +128,13 @@ def test_noise_free_data_never_exclude_the_true_value():
     friction, = found.estimates
     assert friction.low <= present(truth, 'joint_friction') <= friction.high
     assert friction.high - friction.low < 1e-6
-    # All nine fits find one explanation, and it is reported once.
+    # All nine fits find the same solution, which is reported once.
     assert found.rivals == [] and not found.interrupted
     assert {item.verdict for item in found.channels.values()} == {'good'}
 
 
 @pytest.mark.slow
-def test_the_run_of_another_scene_is_refused_loudly(tmp_path, capsys):
+def test_the_run_of_another_scene_is_refused_with_an_error(tmp_path, capsys):
     rolling = read_scene({'robot': 'gimball', 'initial': {'speed': 0.8}, 'duration': 2.0,
                           'output_step': 0.02}, 'rolling', 'rolling')
     write_csv(rolling.simulate(), tmp_path / 'run.csv')
@@ -152,7 +152,7 @@ def test_the_run_of_another_scene_is_refused_loudly(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_correlated_residuals_widen_the_interval_and_are_reported():
-    # The recording has a friction law that the model leaves out: a slow wave of 0.02 rad.
+    # The recording contains an effect that the model lacks: a slow wave of 0.02 rad.
     exact, chance = recorded(TRUTH, 2), np.random.default_rng(0)
     times, angle = exact.channels['ball_angle']
     bent = Recording({'ball_angle': (times, angle + 0.02 * np.sin(5.0 * times))})
@@ -165,7 +165,7 @@ def test_correlated_residuals_widen_the_interval_and_are_reported():
     assert odd.low <= present(TRUTH, 'joint_friction') <= odd.high
 
 
-def test_ctrl_c_keeps_the_best_numbers(tmp_path, capsys, monkeypatch):
+def test_ctrl_c_keeps_the_best_estimates(tmp_path, capsys, monkeypatch):
     def press(done):
         if done >= 2:
             raise KeyboardInterrupt
@@ -180,7 +180,7 @@ def test_ctrl_c_keeps_the_best_numbers(tmp_path, capsys, monkeypatch):
     assert done == sorted(done) and done[-1] == 5
 
 
-def test_a_run_that_ctrl_c_has_cut_short_is_not_a_residual(monkeypatch):
+def test_a_run_truncated_by_ctrl_c_is_not_used_as_a_residual(monkeypatch):
     from ballbot_ros.studies import recording
     whole = recording.simulate
     monkeypatch.setattr(recording, 'simulate', lambda *words: (
@@ -204,14 +204,14 @@ def test_columns_in_other_units_are_converted(tmp_path, unit, factor):
 @pytest.mark.parametrize('heading, column', [
     ('time [s],ball_angle [banana]', 'ball_angle'), ('time [s],x [rad]', 'x'),
     ('time [m],x [m]', 'time')])
-def test_a_unit_that_makes_no_sense_is_refused(tmp_path, heading, column):
+def test_an_invalid_unit_is_refused(tmp_path, heading, column):
     (tmp_path / 'run.csv').write_text(f'{heading}\n' + '1,2\n' * 9)
     with refused('not_a_choice', column):
         read_columns(tmp_path / 'run.csv')
 
 
 def write_bag(folder, run):
-    """Write joint states and odometry of a run as a bag, stamped with an offset."""
+    """Write joint states of a run as a bag, with an offset of the stamps."""
     store = get_typestore(Stores.ROS2_JAZZY)
     types = store.types
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
@@ -231,7 +231,7 @@ def write_bag(folder, run):
 
 
 @pytest.mark.slow
-def test_a_bag_says_what_its_run_was(tmp_path):
+def test_parameters_are_identified_from_a_bag(tmp_path):
     run = TRUTH.simulate()
     write_bag(tmp_path / 'bag', run)
     recording = Recording.of_columns(measured_columns(read_run(tmp_path / 'bag')))
@@ -250,7 +250,7 @@ def test_a_path_without_a_bag_is_refused(tmp_path):
             read_run(path)
 
 
-def test_long_channels_are_thinned_out():
+def test_long_channels_are_downsampled():
     times = np.arange(3 * MOST_SAMPLES + 1) * 1e-3
     assert len(Recording({'x': (times, times)}).channels['x'][0]) <= MOST_SAMPLES
 
@@ -264,7 +264,7 @@ TIMES = np.linspace(0.0, 1.0, 20)
     ({'x': (TIMES, TIMES * math.nan)}, 'not_finite', 'x'),
     ({'x': (TIMES[::-1], TIMES)}, 'inconsistent', 'time'),
     ({'x': (TIMES - 0.5, TIMES)}, 'out_of_range', 'time')])
-def test_a_recording_that_makes_no_sense_is_refused(channels, reason, field):
+def test_an_invalid_recording_is_refused(channels, reason, field):
     with refused(reason, field):
         Recording(channels)
 
@@ -278,7 +278,7 @@ def test_parameters_that_cannot_be_estimated_are_refused(names, reason, field):
     assert all(name in str(error.value) for name in set(names) - {'joint_friction'})
 
 
-def test_values_in_another_unit_than_their_label_are_refused_with_the_likely_unit():
+def test_values_with_a_wrong_unit_label_are_refused_with_the_likely_unit():
     run = recorded(TRUTH, 0)
     times, values = run.channels['joint_angle']
     with refused('out_of_range', 'joint_angle') as error:
@@ -287,7 +287,7 @@ def test_values_in_another_unit_than_their_label_are_refused_with_the_likely_uni
     assert '"joint_angle [deg]"' in str(error.value)
 
 
-def test_times_in_milliseconds_that_are_labelled_seconds_are_refused_with_the_likely_unit():
+def test_times_in_milliseconds_labelled_as_seconds_are_refused_with_the_likely_unit():
     channels = {name: (1e3 * times, values)
                 for name, (times, values) in recorded(TRUTH, 0).channels.items()}
     with refused('out_of_range', 'time') as error:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A drive through the shipped flat in closed loop: full physics, lateral model, decision."""
+"""Drives through the shipped apartment in closed loop: full physics, lateral model, decision."""
 import math
 
 import pytest
@@ -49,7 +49,7 @@ def test_sensor_noise_and_drift_cause_no_obstacles(flat):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('kind', [CommandKind.DRIVE, CommandKind.CROSS])
-def test_a_jump_of_1_m_ends_in_a_clear_reason_or_arrival_and_at_rest(flat, kind):
+def test_after_a_jump_of_1_m_the_ball_arrives_or_stops_with_a_reason(flat, kind):
     loop = loop_at(flat, (1.76, 2.0, 1.57))
     loop.begin(STUDY)
 
@@ -64,7 +64,7 @@ def test_a_jump_of_1_m_ends_in_a_clear_reason_or_arrival_and_at_rest(flat, kind)
 
 
 @pytest.mark.slow
-def test_a_ball_that_leans_at_the_start_arrives_and_rests(flat):
+def test_a_ball_that_leans_at_the_start_arrives_and_comes_to_rest(flat):
     loop = loop_at(flat, (1.7, 1.4, 0.0))
     loop.plant._lateral = loop.plant.lateral._replace(lean=0.3, tilt=-0.3)
     loop.begin((2.6, 1.6))

@@ -14,14 +14,14 @@ from ballbot_ros.studies.navigation.houses import draw_house
 
 
 @pytest.mark.parametrize('number', range(12))
-def test_houses_are_repeatable_and_start_and_goal_are_free(number):
+def test_houses_are_reproducible_and_start_and_goal_are_free(number):
     one, two = (draw_house(knowledge().robot, 4, number) for _ in range(2))
     assert (one.truth.cells == two.truth.cells).all() and one.start == two.start
     assert one.truth.features == two.truth.features and one.map.features == two.map.features
     for x, y in (one.start[:2], one.goal):
         row, column = one.truth.cell_of((x, y))
         assert not one.truth.cells[row - 4:row + 5, column - 4:column + 5].any()
-    # The map lacks obstacles, and nothing else.
+    # The map lacks only obstacles.
     assert (one.truth.cells >= one.map.cells).all()
     assert len(one.truth.features) == len(one.map.features)
 
@@ -65,13 +65,13 @@ def test_an_interrupted_evaluation_resumes(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_drive_has_a_row_of_json_values():
+def test_a_drive_returns_a_row_of_results():
     found = drive(draw_house(knowledge().robot, 5, 0), 'run_up')
     assert found['outcome'] == 'succeeded' and found['hit'] < 0.1 and not found['fell']
     assert math.isfinite(found['time']) and found['away'] < 0.3
 
 
 @pytest.mark.parametrize('option', [['--goals', '0'], ['--planners', 'walls'], ['--seed', '-1']])
-def test_wrong_options_are_refused(option, capsys):
+def test_invalid_options_are_refused(option, capsys):
     assert main(['evaluate-navigation', *option]) != 0
     assert option[0][2:-1] in capsys.readouterr().err

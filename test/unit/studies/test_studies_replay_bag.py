@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag is run again: to the bit where the simulator made it, beside the model where not."""
+"""Replay of bags: bit-identical for the simulator, a comparison with the model for a robot."""
 from dataclasses import replace
 import json
 import math
@@ -32,12 +32,12 @@ def plant_of(scene='flat', robot=None, **changes):
 
 
 def wanted(number):
-    """Return a torque that changes each period, sometimes above what the motor can give."""
+    """Return a torque that changes each period and sometimes exceeds the limit of the motor."""
     return 0.5 * math.sin(0.05 * number) + (20.0 if number % 97 == 0 else 0.0)
 
 
 def record(folder, metadata=None, late=(), lost=(), reset_at=None, namespace='', plant=None):
-    """Write the bag of a run; commands of `late` periods were not followed, `lost` not kept."""
+    """Write the bag of a run; commands of `late` periods are late, those of `lost` are missing."""
     plant = plant or plant_of()
     bag = BagOf(folder, bag_metadata(SIMULATOR, SETTINGS, load_scene('flat'))
                 if metadata is None else metadata, namespace)
@@ -50,46 +50,46 @@ def record(folder, metadata=None, late=(), lost=(), reset_at=None, namespace='',
             bag.joints('joint_commands', stamp, ['pendulum'], effort=[wanted(number)])
         plant.advance(wanted(number - (number in late)))
     bag.state(plant)
-    bag.joints('joint_commands', stamp, ['pendulum'], effort=[0.0])  # of a controller that ends
+    bag.joints('joint_commands', stamp, ['pendulum'], effort=[0.0])  # from a controller that stops
     bag.writer.close()
     return folder
 
 
 def replayed(capsys, *words):
-    """Return exit code, words and what was written as errors."""
+    """Return exit code, standard output and standard error of a replay."""
     code = main(['replay', *map(str, words)])
     return (code, *capsys.readouterr())
 
 
-def test_a_run_of_the_simulator_is_the_same_again_to_the_bit(tmp_path, capsys, monkeypatch):
+def test_the_replay_of_a_simulated_run_is_bit_identical(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    code, said, _ = replayed(capsys, record(tmp_path / 'bag'))
-    assert code == 0 and f'identical: {PERIODS + 1} states' in said
-    assert not (tmp_path / 'ballbot_output').exists()  # there is nothing to look into
+    code, out, _ = replayed(capsys, record(tmp_path / 'bag'))
+    assert code == 0 and f'identical: {PERIODS + 1} states' in out
+    assert not (tmp_path / 'ballbot_output').exists()  # there is nothing to report
 
 
 def test_a_lost_command_is_replaced_by_the_torque_of_the_motor(tmp_path, capsys):
-    code, said, _ = replayed(capsys, record(tmp_path / 'bag', lost=(7, 8)))
-    assert code == 0 and '2 are missing' in said and f'identical: {PERIODS + 1} states' in said
+    code, out, _ = replayed(capsys, record(tmp_path / 'bag', lost=(7, 8)))
+    assert code == 0 and '2 are missing' in out and f'identical: {PERIODS + 1} states' in out
 
 
-def test_a_reset_is_followed(tmp_path, capsys):
-    code, said, _ = replayed(capsys, record(tmp_path / 'bag', reset_at=200))
-    assert code == 0 and '1 resets' in said and f'identical: {PERIODS + 2} states' in said
+def test_a_reset_is_replayed(tmp_path, capsys):
+    code, out, _ = replayed(capsys, record(tmp_path / 'bag', reset_at=200))
+    assert code == 0 and '1 resets' in out and f'identical: {PERIODS + 2} states' in out
 
 
 def test_with_late_commands_the_torque_of_the_motor_confirms_the_model(tmp_path, capsys):
-    code, said, _ = replayed(capsys, record(tmp_path / 'bag', late=(100,)))
+    code, out, _ = replayed(capsys, record(tmp_path / 'bag', late=(100,)))
     assert code == 0
-    assert 'departs at t = 0.202 s, after 101 identical states: ball angle' in said
-    assert f'identical: {PERIODS + 1} states' in said
+    assert 'departs at t = 0.202 s, after 101 identical states: ball angle' in out
+    assert f'identical: {PERIODS + 1} states' in out
 
 
 def test_a_paused_start_that_was_published_before_the_recording_is_replayed(tmp_path, capsys):
     plant = plant_of()
     plant.advance(wanted(0))
-    code, said, _ = replayed(capsys, record(tmp_path / 'bag', plant=plant))
-    assert code == 0 and f'identical: {PERIODS + 1} states' in said
+    code, out, _ = replayed(capsys, record(tmp_path / 'bag', plant=plant))
+    assert code == 0 and f'identical: {PERIODS + 1} states' in out
 
 
 def test_a_bag_that_lacks_the_start_of_the_run_is_explained(tmp_path, capsys, monkeypatch):
@@ -98,20 +98,20 @@ def test_a_bag_that_lacks_the_start_of_the_run_is_explained(tmp_path, capsys, mo
     plant = plant_of()
     for number in range(100):
         plant.advance(wanted(number))
-    code, said, _ = replayed(capsys, record(tmp_path / 'bag', plant=plant))
-    assert code == 1 and 'start_paused' in said
+    code, out, _ = replayed(capsys, record(tmp_path / 'bag', plant=plant))
+    assert code == 1 and 'start_paused' in out
 
 
 @pytest.mark.slow
-def test_another_robot_is_reported_by_its_digest_and_by_where_it_departs(tmp_path, capsys):
+def test_another_robot_is_reported_by_its_digest_and_its_first_difference(tmp_path, capsys):
     plant = plant_of(pendulum_mass=2.0)
-    code, said, _ = replayed(
+    code, out, _ = replayed(
         capsys, record(tmp_path / 'bag', plant=plant, metadata=bag_metadata(
             SIMULATOR, SETTINGS, replace(load_scene('flat'), model=plant.model))),
         '--out', tmp_path / 'out', '--format', 'png')
     assert code == 1
-    assert 'parameters of the robot are not those of the recording: digest' in said
-    assert 'departs at t = 0.000 s, after 0 identical states' in said
+    assert 'parameters of the robot are not those of the recording: digest' in out
+    assert 'departs at t = 0.000 s, after 0 identical states' in out
     content = json.loads((tmp_path / 'out' / 'replay.json').read_text())
     assert content['identical'] is False
     assert {item['channel'] for item in content['differences']} >= {'x', 'joint_angle'}
@@ -122,8 +122,8 @@ def test_another_robot_is_reported_by_its_digest_and_by_where_it_departs(tmp_pat
 def test_parameters_missing_in_a_bag_are_requested(tmp_path, capsys, refuses):
     bag = record(tmp_path / 'bag', metadata={})
     refuses('missing', '--scene', 'replay', bag)
-    code, said, _ = replayed(capsys, bag, '--scene', 'flat')
-    assert code == 0 and 'flat, robot gimball, 500 Hz' in said
+    code, out, _ = replayed(capsys, bag, '--scene', 'flat')
+    assert code == 0 and 'flat, robot gimball, 500 Hz' in out
     refuses('inconsistent', 'control_rate', 'replay', bag, '--scene', 'flat', '--set',
             'control_rate=400')
     refuses('unknown_name', 'contrl_rate', 'replay', bag, '--scene', 'flat', '--set',
@@ -131,7 +131,7 @@ def test_parameters_missing_in_a_bag_are_requested(tmp_path, capsys, refuses):
     refuses('inconsistent', '--before', 'replay', bag, '--before', '3')
 
 
-def test_of_two_robots_one_is_named(tmp_path, capsys):
+def test_with_two_robots_the_namespace_is_required(tmp_path, capsys):
     plant = plant_of()
     bag = BagOf(tmp_path / 'bag', {})
     for bag.namespace in ('/left', '/right'):
@@ -166,7 +166,7 @@ def test_foreign_and_damaged_bags_are_refused(tmp_path, refuses):
 
 
 def record_robot(folder):
-    """Write the bag of a real robot: with more friction than its file says, somewhere turned."""
+    """Write the bag of a real robot, with another joint friction and offsets of the angles."""
     plant = plant_of(joint_friction=0.1)
     bag = BagOf(folder, bag_metadata(BRIDGE, {'hardware': 'gimball_vesc'}))
     rng = np.random.default_rng(1)
@@ -182,13 +182,13 @@ def record_robot(folder):
 
 
 @pytest.mark.slow
-def test_of_a_real_robot_it_says_where_the_model_departs_and_identify_takes_it(
+def test_the_differences_of_a_real_robot_are_reported_and_its_recording_can_be_identified(
         tmp_path, capsys):
-    code, said, _ = replayed(capsys, record_robot(tmp_path / 'bag'), '--out', tmp_path / 'out',
-                             '--format', 'png')
+    code, out, _ = replayed(capsys, record_robot(tmp_path / 'bag'), '--out', tmp_path / 'out',
+                            '--format', 'png')
     assert code == 0
-    assert 'real robot, 400 states in 0.798 s; the model is gimball on flat' in said
-    assert 'ballbot identify' in said
+    assert 'real robot, 400 states in 0.798 s; the model is gimball on flat' in out
+    assert 'ballbot identify' in out
     content = json.loads((tmp_path / 'out' / 'replay.json').read_text())
     worst = {item['channel']: item['largest'] for item in content['differences']}
     assert worst['joint_angle'] > 0.01
@@ -200,7 +200,7 @@ def test_of_a_real_robot_it_says_where_the_model_departs_and_identify_takes_it(
 
 
 class FakeReader:
-    """What `rosbag2_py.SequentialReader` offers, as far as it is used."""
+    """The part of `rosbag2_py.SequentialReader` that the package uses."""
 
     def __init__(self, messages):
         self.messages = list(messages)
@@ -220,14 +220,14 @@ class FakeReader:
         return self.messages.pop(0)
 
 
-def test_a_bag_is_read_with_rosbag2_py_where_ros_has_it(tmp_path, monkeypatch):
+def test_a_bag_is_read_with_rosbag2_py_if_ros_provides_it(tmp_path, monkeypatch):
     messages = pytest.importorskip('sensor_msgs.msg')
     from rclpy.serialization import serialize_message
     state = messages.JointState(name=['shell', 'pendulum'], position=[1.0, 2.0],
                                 velocity=[3.0, 4.0], effort=[0.0, 5.0])
     data = serialize_message(state)
 
-    # As on a machine without rosbags.
+    # This simulates a machine without rosbags.
     monkeypatch.setattr(opener, 'find_spec', lambda name: name == 'rosbag2_py' or None)
     monkeypatch.setattr(opener, '_open_with_rosbag2', lambda path: rosbag2_bag(
         path, FakeReader([('/joint_states', data, 0), ('/other', b'', 0)])))

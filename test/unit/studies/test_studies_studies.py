@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Studies change what they say, and nothing else."""
+"""Studies of sensitivity, sampled robots, design and slopes."""
 from dataclasses import replace
 import math
 
@@ -27,7 +27,7 @@ def test_the_split_of_the_mass_is_uncertain_and_its_total_is_not():
     assert (both.pendulum_mass, both.ball_mass) == (2.0, 4.0)
 
 
-def test_where_one_mass_is_certain_it_stays():
+def test_a_certain_mass_does_not_change():
     sure = replace(GIMBALL, provenance={
         **GIMBALL.provenance, 'ball_mass': GIMBALL.provenance['ball_radius']})
     assert 'pendulum_mass' in independent(ranges(sure))
@@ -35,7 +35,7 @@ def test_where_one_mass_is_certain_it_stays():
     assert all(robot.ball_mass == GIMBALL.ball_mass for robot in draw(sure, 4))
 
 
-def test_numbers_of_the_motor_are_changed_in_the_motor():
+def test_parameters_of_the_motor_are_changed_in_the_motor():
     assert changed(GIMBALL, {'motor.resistance': 2.0}).motor.resistance == 2.0
     with refused('missing', 'motor'):
         changed(SHELLBALL, {'motor.resistance': 2.0})
@@ -55,25 +55,25 @@ def test_the_ends_of_a_bar_are_the_heights_of_the_changed_robots():
     assert fractions == sorted(fractions) and fractions[-1] == 1.0
 
 
-def test_bars_come_from_the_largest_effect_to_the_smallest():
+def test_bars_are_sorted_by_decreasing_effect():
     bars = sensitivity(Case(GIMBALL), 0.8)
     effects = [abs(bar.height_high - bar.height_low) for bar in bars]
     assert bars[0].name == 'ball_inertia' and effects == sorted(effects, reverse=True)
 
 
-def test_the_motor_matters_under_a_voltage():
+def test_with_a_voltage_the_motor_has_a_large_effect():
     bars = sensitivity(Case(GIMBALL, Actuation(law='voltage', voltage=5.7)), 0.8)
     assert 'motor.speed_constant' in [bar.name for bar in bars[:3]]
 
 
-def test_sampled_heights_are_those_of_the_drawn_robots():
+def test_sampled_heights_are_those_of_the_sampled_robots():
     speeds = np.array([0.4, 0.8])
     found = sampled_heights(Case(GIMBALL), speeds, 3)
     last = draw(GIMBALL, 3)[-1]
     np.testing.assert_array_equal(found[-1], step_heights(Case(last), speeds))
 
 
-def test_the_design_map_has_the_robot_itself_where_its_pendulum_is():
+def test_the_design_map_agrees_with_the_robot_at_its_own_pendulum():
     lengths, masses = np.array([0.04, GIMBALL.pendulum_length]), np.array([1.6, 3.0])
     found = design_map(holding(GIMBALL, LEVEL), 0.8, lengths, masses)
     assert found.shape == (2, 2)
@@ -81,7 +81,7 @@ def test_the_design_map_has_the_robot_itself_where_its_pendulum_is():
     assert found[0, 1] > found[0, 0] + 1e-3 and found[1, 0] > found[0, 0]
 
 
-def test_a_slope_up_behind_the_step_costs_height_only_beyond_what_the_pendulum_holds():
+def test_a_slope_behind_the_step_reduces_the_height_only_above_the_slope_limit_if_held():
     speeds, slopes = np.array([0.5]), np.radians([-6.0, 0.0, 5.0, 8.0])
     free = heights_on_slopes(Case(GIMBALL), speeds, slopes)[:, 0]
     level = heights_on_slopes(holding(GIMBALL, LEVEL), speeds, slopes)[:, 0]

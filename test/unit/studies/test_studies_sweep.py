@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sweep tries what its plan says, survives being killed, and its file explains itself."""
+"""Sweeps: cases of a plan, interruption and resumption, units and provenance in the file."""
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 import json
@@ -34,7 +34,7 @@ def sweep(plan, out, block=50):
         return run_sweep(plan, out, pool, 2, block=block)
 
 
-def test_a_grid_is_every_combination_and_each_case_what_the_search_says():
+def test_a_grid_contains_every_combination_and_each_case_agrees_with_the_search():
     plan = SweepPlan(GIMBALL, held_at(0.3), fixed={}, grid={
         'speed': [0.5, 0.9], 'edge_friction': [0.1, 0.2, 0.3], 'slope_before': [-0.1, 0.0]})
     assert plan.size == 12 and plan.searches
@@ -49,13 +49,13 @@ def test_a_grid_is_every_combination_and_each_case_what_the_search_says():
 
 
 def found_at(table, **values):
-    """Return the row with some values."""
+    """Return the row with the given values."""
     return next(row for row in table['case'] if all(
         table[name][row] == value for name, value in values.items()))
 
 
 @pytest.mark.parametrize('design', ['sobol', 'random'])
-def test_cases_of_a_design_depend_on_its_seed_alone(design):
+def test_cases_of_a_design_depend_only_on_its_seed(design):
     plan = SweepPlan(GIMBALL, design=design, cases=300, seed=4, ranges=RANGES)
     whole = plan.block(0, 300)
     parts = np.vstack([plan.block(first, first + 70) for first in range(0, 300, 70)])
@@ -67,7 +67,7 @@ def test_cases_of_a_design_depend_on_its_seed_alone(design):
     assert (other.block(0, 300) != whole).all()
 
 
-def test_given_heights_are_tried_and_the_velocity_law_follows_the_speed():
+def test_given_heights_are_simulated_with_a_joint_rate_that_depends_on_the_speed():
     plan = SweepPlan(GIMBALL, rolling(GIMBALL)(1.0), fixed={'height': 0.02},
                      grid={'speed': [0.5, 0.7], 'contact_damping': [52.0, 100.0]})
     table = run_block(plan, 0, 4)
@@ -78,14 +78,14 @@ def test_given_heights_are_tried_and_the_velocity_law_follows_the_speed():
     assert set(table['passes']) == {True, False}
 
 
-def test_a_case_that_fails_says_why_and_the_others_go_on():
+def test_a_failed_case_contains_its_reason_and_the_others_continue():
     plan = SweepPlan(GIMBALL, fixed={'speed': 3.0}, grid={'contact_stiffness': [300.0, 33000.0]})
     table = run_block(plan, 0, 2)
     assert 'under the ground' in table['failure'][0] and table['max_height'][0] is None
     assert table['failure'][1] is None and table['max_height'][1] > 0.05
 
 
-def test_the_file_has_all_cases_with_units_and_provenance(tmp_path):
+def test_the_file_contains_all_cases_with_units_and_provenance(tmp_path):
     plan = SweepPlan(GIMBALL, design='sobol', cases=128, ranges=RANGES)
     out = tmp_path / 'sweep.parquet'
     assert sweep(plan, out) == 0
@@ -97,13 +97,13 @@ def test_the_file_has_all_cases_with_units_and_provenance(tmp_path):
     metadata = json.loads(table.schema.metadata[b'ballbot_sweep'])
     assert metadata['plan']['robot_digest'] == GIMBALL.digest and metadata['digest'] == plan.digest
     assert not out.with_name('sweep.parquet.blocks').exists()
-    pandas = pytest.importorskip('pandas', reason='only to see that it opens the file')
+    pandas = pytest.importorskip('pandas', reason='pandas only checks that the file opens')
     frame = pandas.read_parquet(out)
     assert len(frame) == 128 and frame.passes.dtype == bool
     assert frame[frame.passes].height.mean() < frame[~frame.passes].height.mean()
 
 
-def test_the_size_of_blocks_changes_nothing(tmp_path):
+def test_the_block_size_does_not_change_the_results(tmp_path):
     plan = SweepPlan(GIMBALL, design='random', cases=90, ranges=RANGES)
     sweep(plan, tmp_path / 'a.parquet', block=7)
     sweep(plan, tmp_path / 'b.parquet', block=40)
@@ -112,7 +112,7 @@ def test_the_size_of_blocks_changes_nothing(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_killed_sweep_resumes_and_loses_nothing(tmp_path):
+def test_a_killed_sweep_resumes_without_loss_of_results(tmp_path):
     words = ['--vary', 'speed=0.3:1.2', '--vary', 'height=0.003:0.06', '--design', 'sobol',
              '--workers', '2']
     cases, killed, whole = 4000, tmp_path / 'killed.parquet', tmp_path / 'whole.parquet'
@@ -135,7 +135,7 @@ def test_a_killed_sweep_resumes_and_loses_nothing(tmp_path):
         found = run_sweep(plan, killed, pool, 1, lambda _: look())
         run_sweep(plan, whole, pool, 1)
     assert found == 1000 * len(done)
-    # What was done before is not done again.
+    # Completed blocks are not computed again.
     assert {path: stamps[path] for path in done} == done
     assert parquet.read_table(killed) == parquet.read_table(whole)
 
@@ -177,7 +177,7 @@ def test_workers_end_with_their_parent():
 
 
 def _alive(process):
-    """Return whether a process runs; a zombie does not."""
+    """Return whether a process runs and is not a zombie."""
     try:
         os.kill(process, 0)
         state = Path(f'/proc/{process}/stat').read_text().rsplit(')', 1)[1].split()[0]
@@ -186,7 +186,7 @@ def _alive(process):
     return state != 'Z'
 
 
-def test_another_sweep_in_the_same_place_is_refused(tmp_path):
+def test_another_sweep_with_the_same_output_is_refused(tmp_path):
     out = tmp_path / 'x.parquet'
     blocks = tmp_path / 'x.parquet.blocks'
     blocks.mkdir()
@@ -231,18 +231,18 @@ def test_only_the_result_of_a_sweep_is_overwritten(tmp_path, capsys):
     ({'design': 'sobol', 'cases': 3, 'ranges': {'speed': (2.0, 1.0)}}, 'out_of_range', 'speed'),
     ({'robot': SHELLBALL, 'grid': {'speed': [1.0], 'motor.resistance': [1.0]}}, 'inconsistent',
      'motor.resistance')])
-def test_a_plan_that_makes_no_sense_is_refused(given, reason, field):
+def test_an_invalid_plan_is_refused(given, reason, field):
     with refused(reason, field):
         SweepPlan(**{'robot': GIMBALL, **given})
 
 
-def test_all_unknown_parameters_are_named_together():
+def test_all_unknown_parameters_are_reported_together():
     with refused('unknown_name') as error:
         SweepPlan(GIMBALL, grid={'sped': [1.0], 'hieght': [0.1]})
     assert "'speed'" in str(error.value) and 'hieght' in str(error.value)
 
 
-def test_an_angle_may_be_in_degrees_and_its_column_says_so():
+def test_an_angle_may_be_in_degrees_with_the_unit_of_its_column():
     in_degrees = SweepPlan(GIMBALL, Actuation('position'), fixed={'speed': 0.6},
                            grid={'set_angle_deg': [0.0, 90.0], 'slope_before_deg': [-5.0]})
     assert columns(in_degrees)['set_angle_deg'] == columns(in_degrees)['slope_before_deg'] == 'deg'
@@ -263,13 +263,13 @@ def test_an_angle_may_be_in_degrees_and_its_column_says_so():
     (['--vary', 'speed=1', '--vary', 'speed=2'], 'ambiguous', 'speed'),
     (['--vary', 'speed=1', '--fix', 'speed=2'], 'ambiguous', 'speed'),
     (['--vary', 'speed=1,2', '--fix', 'height=1:2'], 'wrong_type', 'height')])
-def test_a_mistake_is_refused(refuses, tmp_path, words, reason, field):
+def test_invalid_options_are_refused(refuses, tmp_path, words, reason, field):
     refuses(reason, field, 'sweep', '--out', tmp_path / 'x.parquet', *words)
 
 
 @pytest.mark.parametrize('word, meant', [
     ('sped=1,2', 'speed'), ('set_angle=0:90:3', 'set_angle_deg')])
-def test_another_name_of_a_parameter_gets_the_right_one(refusal, tmp_path, word, meant):
+def test_the_error_for_a_wrong_parameter_suggests_the_right_one(refusal, tmp_path, word, meant):
     error = refusal('sweep', '--out', tmp_path / 'x.parquet', '--vary', word)
     assert {meant, 'height'}.intersection(re.findall(r'\w+', str(error))) == {meant}
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A block of a sweep, whose cases run as columns, gives what each case gives by itself."""
+"""A block of a sweep, computed in columns, gives the same results as single cases."""
 from dataclasses import replace
 import math
 
@@ -18,7 +18,7 @@ from ballbot_ros.studies.sweep_plan import MOTOR, ROBOT, SI_NUMBERS, SweepPlan
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 STEP = {'speed': (0.3, 1.2), 'height': (0.004, 0.05)}
-# A factor of two about the published numbers, but for an arm that may be longer than the ball.
+# A factor of two around the published values, except for the pendulum length.
 OWN = {name: (0.5 * getattr(GIMBALL, name), 2.0 * getattr(GIMBALL, name))
        for name in ROBOT if name != 'pendulum_length' and getattr(GIMBALL, name)}
 MOTORS = {name: (0.7 * value, 1.1 * value) for name, value in (
@@ -84,7 +84,7 @@ PLANS = {
 
 
 def alone(plan, values):
-    """Return both results of a case and why there are none."""
+    """Return both results of a case, and the reason if there are none."""
     try:
         robot, speed, height, actuation, site, rules = plan.case(values)
         if height is not None:
@@ -97,7 +97,7 @@ def alone(plan, values):
 
 
 @pytest.mark.parametrize('kind', PLANS)
-def test_columns_give_to_the_bit_what_each_case_gives_alone(kind):
+def test_columns_are_bit_identical_to_single_cases(kind):
     plan = PLANS[kind]
     block = run_block(plan, 0, plan.size)
     *_, first, second, failure = block
@@ -108,13 +108,13 @@ def test_columns_give_to_the_bit_what_each_case_gives_alone(kind):
         assert all(block[name][place] == value for name, value in case.items())
 
 
-def test_these_plans_vary_every_number_there_is():
+def test_these_plans_vary_every_parameter():
     varied = {name for plan in PLANS.values() for name in (*plan.names, *plan.fixed)}
     in_radians = {name[:-len('_deg')] for name in varied if name.endswith('_deg')}
     assert varied | in_radians == {*SI_NUMBERS} | {f'{name}_deg' for name in in_radians}
 
 
-def test_these_plans_meet_every_reason_for_an_empty_row():
+def test_these_plans_contain_every_reason_for_an_empty_row():
     reasons = [reason for plan in PLANS.values() for reason in run_block(
         plan, 0, plan.size)['failure'] if reason is not None]
     for reason in (
@@ -122,12 +122,12 @@ def test_these_plans_meet_every_reason_for_an_empty_row():
             'pendulum_length must be at most ball_radius', 'has no gravity', 'without its law',
             'describes none', 'needs a pendulum and robot', 'voltage must be within',
             'under the ground', 'no step up to'):
-        assert any(reason in said for said in reasons), reason
+        assert any(reason in found for found in reasons), reason
 
 
 @pytest.mark.parametrize('kind, alone_too', [
     ('robot', 0), ('held', 0), ('voltages, some too high, some 0', 4), ('searches', 0)])
-def test_only_what_cannot_be_prepared_or_go_on_is_run_alone(monkeypatch, kind, alone_too):
+def test_only_cases_that_columns_do_not_support_are_run_alone(monkeypatch, kind, alone_too):
     ran = []
     true = sweep_module._run_alone
     monkeypatch.setattr(sweep_module, '_run_alone',
@@ -136,7 +136,7 @@ def test_only_what_cannot_be_prepared_or_go_on_is_run_alone(monkeypatch, kind, a
     assert len(ran) == alone_too
 
 
-def test_values_are_checked_columns_are_not():
+def test_single_values_are_checked_and_columns_are_not():
     assert changed(GIMBALL, {}) is GIMBALL
     assert changed(GIMBALL, {'ball_mass': 2}).ball_mass == 2.0
     with refused('out_of_range', 'ball_mass'):
@@ -146,7 +146,7 @@ def test_values_are_checked_columns_are_not():
     assert many.ball_radius == GIMBALL.ball_radius and GIMBALL.ball_mass > 2.0
 
 
-def test_a_table_has_numbers_in_each_row_and_columns_along_them():
+def test_a_table_repeats_numbers_in_each_row_and_contains_columns():
     np.testing.assert_array_equal(
         table((1.0, np.array([2.0, 3.0]), 4), 2), [[1.0, 2.0, 4.0], [1.0, 3.0, 4.0]])
     np.testing.assert_array_equal(table((1, 2.0), 1), [[1.0, 2.0]])
@@ -154,7 +154,7 @@ def test_a_table_has_numbers_in_each_row_and_columns_along_them():
 
 @pytest.mark.parametrize('site', [
     Site(), Site(0.2, -0.3), Site(-math.pi / 3.0, math.pi / 3.0, 0.1, 0.2, 0.3)])
-def test_the_ground_of_the_kernels_is_that_of_whole_runs(site):
+def test_the_terrain_profile_of_the_kernels_agrees_with_the_simulation(site):
     for robot in (GIMBALL, SHELLBALL):
         terrain = site.terrain(1.0).profile(robot.surface_friction, robot.edge_friction)
         np.testing.assert_allclose(site.profile(robot), terrain, rtol=0.0, atol=3e-16)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An independent three-dimensional simulator agrees with the lateral model and the table."""
+"""Comparison of lateral model and table with an independent three-dimensional simulator."""
 import importlib
 import math
 from pathlib import Path
@@ -27,12 +27,12 @@ with_mujoco = pytest.mark.skipif(
 
 
 def deviation(found, name):
-    """Return the root mean square of the difference of the models."""
+    """Return the root mean square difference of the models."""
     return np.sqrt(np.mean((found.mujoco[name] - found.model[name])**2))
 
 
 def heading_error(found):
-    """Return the largest difference of the headings [rad]."""
+    """Return the largest heading difference [rad]."""
     return np.abs(found.mujoco['heading'] - found.model['heading']).max()
 
 
@@ -40,7 +40,7 @@ def heading_error(found):
 @with_mujoco
 @pytest.mark.parametrize('speed', [0.1, 0.4, 1.2])
 @pytest.mark.parametrize('lean, heading', [(0.1, 0.5), (0.2, 1.0), (0.3, 2.5), (0.4, 5.0)])
-def test_a_step_of_the_lean_turns_the_ball_as_in_mujoco(speed, lean, heading):
+def test_a_step_input_of_the_lean_turns_the_ball_as_in_mujoco(speed, lean, heading):
     found = compare(GIMBALL, LateralRun(speed, lean))
     assert deviation(found, 'tilt') < 0.7 * DEGREE
     assert deviation(found, 'yaw_rate') < 0.03
@@ -52,12 +52,12 @@ def test_a_step_of_the_lean_turns_the_ball_as_in_mujoco(speed, lean, heading):
 @with_mujoco
 @pytest.mark.parametrize('speed', [0.1, 0.4, 1.2])
 @pytest.mark.parametrize('share', [-0.5, 1.0])
-def test_the_law_turns_the_ball_of_mujoco(speed, share):
+def test_the_steering_law_tracks_the_yaw_rate_in_mujoco(speed, share):
     wanted = share * yaw_rate_limit(GIMBALL, speed)
     found = compare(GIMBALL, LateralRun(speed, yaw_rate=wanted))
     assert heading_error(found) < 0.5 * DEGREE
     assert deviation(found, 'yaw_rate') < 3e-3
-    # The speed falls in the turn, and with it the yaw rate where the lean is the limit.
+    # The speed falls in the turn, and with it the yaw rate if the lean limits it.
     at_the_end = min(abs(wanted), yaw_rate_limit(GIMBALL, found.mujoco['speed'][-1]))
     assert abs(found.mujoco['yaw_rate'][-1]) == pytest.approx(at_the_end, rel=0.02)
     late = found.mujoco['tilt'][len(found.time) // 2:]
@@ -66,7 +66,7 @@ def test_the_law_turns_the_ball_of_mujoco(speed, share):
 
 @pytest.mark.slow
 @with_mujoco
-def test_the_comparison_would_notice_another_pendulum():
+def test_the_comparison_detects_another_pendulum():
     other = GIMBALL.replace(pendulum_length=1.1 * GIMBALL.pendulum_length)
     good, bad = (compare(robot, LateralRun(0.8, 0.2)) for robot in (GIMBALL, other))
     assert np.abs(good.mujoco['heading'] - bad.model['heading']).max() > 3.0 * heading_error(good)
@@ -88,7 +88,7 @@ def measured():
 @pytest.mark.slow
 @with_mujoco
 @pytest.mark.parametrize('number, degrees', [(1, 15), (2, 45)])
-def test_the_table_is_what_comes_out(measured, number, degrees):
+def test_the_table_agrees_with_the_simulation(measured, number, degrees):
     table = load_oblique_steps()
     factor = measured.heights[number] / measured.heights[0]
     column = list(table.angles_deg).index(degrees)
@@ -98,13 +98,13 @@ def test_the_table_is_what_comes_out(measured, number, degrees):
              table.highest_course_change_deg),
             (measured.heading_changes, table.lowest_heading_change_deg,
              table.highest_heading_change_deg)):
-        # Not the last share: so near the limit a rounding of the height shows.
+        # The last fraction is so close to the limit that rounding of the height has an effect.
         turned = np.degrees(changes[number])[:2]
         assert (np.array(low[column])[:2] - 0.5 <= turned).all()
         assert (turned <= np.array(high[column])[:2] + 0.5).all()
 
 
-def test_without_mujoco_it_is_said(monkeypatch):
+def test_without_mujoco_the_comparison_is_refused(monkeypatch):
     monkeypatch.setitem(sys.modules, 'mujoco', None)
     with refused('not_installed', 'mujoco'):
         compare(GIMBALL, LateralRun(0.4, 0.2))
