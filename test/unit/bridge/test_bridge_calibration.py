@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration with scripted answers, against an emulated drive with a ball whose shell is held."""
+"""Calibration with scripted answers on an emulated drive; the shell of the ball is held."""
 from dataclasses import replace
 import math
 
@@ -21,18 +21,18 @@ GIMBALL = load_robot('gimball')
 
 
 class Script:
-    """A person who does as asked; `answers` are what is said to questions, None to end it."""
+    """A scripted person; `answers` maps a part of a question to its answer, None to cancel."""
 
     def __init__(self, robot, degrees=90.0, **answers):
         self.robot, self.degrees, self.answers = robot, degrees, answers
         self.said, self.asked = [], []
 
     def say(self, text):
-        """Keep it."""
+        """Record the text."""
         self.said.append(text)
 
     def ask(self, question):
-        """Turn the pendulum where the question says so, and answer."""
+        """Turn the pendulum if the question asks for it, and answer."""
         self.asked.append(question)
         answer = next((answer for part, answer in self.answers.items() if part in question), '')
         if answer is None:
@@ -46,7 +46,7 @@ class Script:
 
 
 def calibrate(robot, dialogue=None):
-    """Return what is found; the drive is a fresh one."""
+    """Return the result of a calibration with a new drive."""
     driver = robot.connect()
     driver.identify()
     return Calibrator(robot.hardware, GIMBALL, driver, dialogue or Script(robot)).run()
@@ -57,26 +57,26 @@ def calibrate(robot, dialogue=None):
     ('odrive', 1, 0.8), ('vesc', -1, 1.0)])
 def test_the_joint_between_drive_and_pendulum_is_identified(protocol, direction, factor):
     robot = VirtualRobot(protocol, held=True)
-    # The real gear is a little lossier than the file says, and turns the other way.
+    # The real gear differs from the file in efficiency or direction.
     robot.joint = replace(robot.joint, direction=direction,
                           gear_efficiency=robot.joint.gear_efficiency * factor)
     found = calibrate(robot)
     assert found.direction == direction
     assert found.encoder_scale == pytest.approx(1.0 / 50.0, rel=0.01)
     assert found.torque_factor == pytest.approx(factor, rel=0.03)
-    assert abs(found.friction) < 0.01  # at rest there is none in this joint
+    assert abs(found.friction) < 0.01  # this joint has no friction at rest
     robot.pass_time(0.01)
     assert robot.motor == 0.0
 
 
 @pytest.fixture(scope='module')
 def calibrated():
-    """Return a robot, what its calibration found, its seconds, and the states under torque."""
+    """Return a robot, its calibration result, the duration [s], and the states under torque."""
     robot, states = VirtualRobot(held=True), []
-    begin, passing = robot.now, robot.pass_time
+    start, passing = robot.now, robot.pass_time
     robot.pass_time = lambda seconds: (passing(seconds), states.append(
         robot.plant.state) if any(robot.torques) else None)
-    return robot, calibrate(robot), robot.now - begin, states
+    return robot, calibrate(robot), robot.now - start, states
 
 
 def test_the_motor_moves_gently(calibrated):
@@ -86,7 +86,7 @@ def test_the_motor_moves_gently(calibrated):
 
 
 @pytest.mark.parametrize('answers', [{'Ready': 'no'}, {'Turn it': None}, {'Hands off': None}])
-def test_it_can_be_ended_at_every_question(answers):
+def test_the_calibration_can_be_cancelled_at_every_question(answers):
     robot = VirtualRobot(held=True)
     with refused('cancelled', error=RefusedError):
         calibrate(robot, Script(robot, **answers))
@@ -94,7 +94,7 @@ def test_it_can_be_ended_at_every_question(answers):
     assert not any(robot.torques)
 
 
-def test_ctrl_c_under_torque_ends_in_a_stop():
+def test_ctrl_c_under_torque_stops_the_motor():
     robot = VirtualRobot(held=True)
     passing = robot.pass_time
 
@@ -111,14 +111,14 @@ def test_ctrl_c_under_torque_ends_in_a_stop():
     assert not any(robot.torques)
 
 
-def test_an_encoder_that_is_not_connected_is_noticed():
+def test_a_disconnected_encoder_is_detected():
     robot = VirtualRobot(held=True)
     with refused('failed', 'gear_ratio', RefusedError):
         calibrate(robot, Script(robot, degrees=2.0))
 
 
 @pytest.mark.slow
-def test_an_angle_that_was_not_a_right_one_may_be_given_and_a_wrong_file_is_noticed():
+def test_the_turned_angle_may_differ_from_90_degrees_and_a_wrong_file_is_detected():
     robot = VirtualRobot(held=True)
     robot.hardware = replace(robot.hardware, joint=replace(robot.hardware.joint, gear_ratio=40.0))
     script = Script(robot, degrees=60.0, **{'Turn it': '60'})
@@ -128,7 +128,7 @@ def test_an_angle_that_was_not_a_right_one_may_be_given_and_a_wrong_file_is_noti
 
 
 @pytest.mark.slow
-def test_wrong_keys_ask_again():
+def test_an_invalid_answer_repeats_the_question():
     robot = VirtualRobot(held=True)
     script = Script(robot)
     wrong = {'Turn it': ['5', '-90', '430', 'level'], 'Ready': ['yse', ''],
@@ -145,7 +145,7 @@ def test_wrong_keys_ask_again():
 
 
 @pytest.mark.slow
-def test_the_pendulum_may_be_turned_by_more_than_a_turn():
+def test_the_pendulum_may_be_turned_by_more_than_one_revolution():
     robot = VirtualRobot(held=True)
     script = Script(robot, degrees=380.0, **{'Turn it': '380'})
     assert calibrate(robot, script).encoder_scale == pytest.approx(1.0 / 50.0, rel=0.01)
@@ -153,7 +153,7 @@ def test_the_pendulum_may_be_turned_by_more_than_a_turn():
 
 
 @pytest.mark.slow
-def test_a_scale_that_the_file_gives_is_the_one_that_is_expected():
+def test_the_measured_scale_is_compared_with_the_scale_in_the_file():
     robot = VirtualRobot(held=True)
     robot.hardware = replace(robot.hardware, joint=replace(
         robot.hardware.joint, encoder_scale=0.02))
@@ -167,7 +167,7 @@ def test_a_scale_that_the_file_gives_is_the_one_that_is_expected():
 
 
 @pytest.mark.slow
-def test_a_motor_without_a_gear_has_a_direction_too():
+def test_the_direction_of_a_motor_without_a_gear_is_found():
     robot = VirtualRobot(held=True, settings=DriveSettings(torque_limit=5.0, current_limit=200.0))
     robot.hardware = replace(robot.hardware, joint=replace(
         robot.hardware.joint, gear_ratio=1.0, direction=-1))
@@ -176,7 +176,7 @@ def test_a_motor_without_a_gear_has_a_direction_too():
     assert found.direction == -1 and found.encoder_scale == pytest.approx(1.0, rel=0.01)
 
 
-def test_it_lifts_to_half_a_radian_in_steps_of_three_seconds(calibrated):
+def test_the_pendulum_is_lifted_to_half_a_radian_in_steps_of_three_seconds(calibrated):
     _, _, seconds, states = calibrated
     angles = [state.pendulum_angle for state in states]
     # Three steps up and two down, on each side.
@@ -185,7 +185,7 @@ def test_it_lifts_to_half_a_radian_in_steps_of_three_seconds(calibrated):
 
 
 @pytest.mark.slow
-def test_it_asks_for_nine_tenths_of_the_torque_limit_at_most():
+def test_the_torque_is_at_most_nine_tenths_of_the_limit():
     robot = VirtualRobot(held=True, torque_limit=0.3)
     calibrate(robot)
     assert max(np.abs(robot.torques)) * 45.0 == pytest.approx(0.27, rel=0.01)
@@ -204,10 +204,10 @@ def test_a_pendulum_that_is_too_fast_is_stopped(rate, stopped):
             robot.plant.state = robot.plant.state._replace(
                 pendulum_angle=math.copysign(0.2, -rate), pendulum_rate=rate)
     robot.pass_time = push
-    begin, receive = robot.now, robot.device.receive
+    start, receive = robot.now, robot.device.receive
 
     def end_after_a_step(data, now):
-        if now > begin + 3.0:
+        if now > start + 3.0:
             robot.device.receive = receive
             raise KeyboardInterrupt
         return receive(data, now)
@@ -219,7 +219,7 @@ def test_a_pendulum_that_is_too_fast_is_stopped(rate, stopped):
     assert robot.motor == 0.0
 
 
-def test_a_pendulum_that_goes_too_far_is_stopped():
+def test_a_pendulum_that_swings_too_far_is_stopped():
     robot = VirtualRobot(held=True)
     torque = robot.device.torque
     robot.device.torque = lambda: 4.0 * torque()
@@ -243,20 +243,20 @@ def test_a_drive_with_a_fault_and_one_without_a_position_are_refused():
     script = Script(robot)
     asking = script.ask
 
-    def deafen(question):
+    def stop_answering(question):
         robot.device.receive = lambda data, now: b''
         return asking(question)
-    script.ask = lambda question: (deafen if 'hang' in question else asking)(question)
-    begin = robot.now
+    script.ask = lambda question: (stop_answering if 'hang' in question else asking)(question)
+    start = robot.now
     with refused('missing', 'encoder', RefusedError):
         driver = robot.connect()
         driver.identify()
         driver.stop = lambda: None
         Calibrator(robot.hardware, GIMBALL, driver, script).run()
-    assert robot.now - begin == pytest.approx(1.0, abs=0.1)
+    assert robot.now - start == pytest.approx(1.0, abs=0.1)
 
 
-def test_torque_that_turns_the_encoder_back_is_refused():
+def test_torque_that_turns_the_encoder_backwards_is_refused():
     robot = VirtualRobot(held=True)
     torque = robot.device.torque
     robot.device.torque = lambda: -torque()
@@ -274,7 +274,7 @@ def test_the_fit_separates_factor_and_friction():
     assert (factor, friction) == pytest.approx((0.8, 0.04), rel=1e-6) and sd < 1e-6
 
 
-def test_the_deviation_is_that_of_least_squares():
+def test_the_standard_deviation_agrees_with_least_squares():
     levels = np.array([0.1, 0.2, 0.3, 0.2, 0.1, -0.1, -0.2, -0.3, -0.2, -0.1])
     moving = np.sign(np.diff(levels, prepend=0.0))
     lifted = 0.8 * levels - 0.04 * moving + 0.01 * np.sin(7.0 * np.arange(10))
@@ -285,7 +285,7 @@ def test_the_deviation_is_that_of_least_squares():
     assert sd == pytest.approx(math.sqrt(covariance[0, 0]), rel=1e-6)
 
 
-def test_a_pendulum_that_moves_a_little_more_than_friction_allows_is_measured():
+def test_the_fit_needs_a_minimum_motion_of_the_pendulum():
     assert fit([0.1, 0.2, -0.2], [0.0, 0.021 / 1.24, -0.021 / 1.24], 1.24)[0] > 0.0
     with refused('failed', 'torque_limit', RefusedError):
         fit([0.1, 0.2, -0.2], [0.0, 0.019 / 1.24, -0.019 / 1.24], 1.24)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The same session on a CAN bus: python-can's virtual one in place of the wires, in real time."""
+"""A session in real time on a virtual CAN bus of python-can."""
 from contextlib import suppress
 from dataclasses import replace
 import threading
@@ -38,12 +38,12 @@ class BusDrive(threading.Thread):
         self.start()
 
     def run(self):
-        """Live until ended, or until the bus ends."""
+        """Run until `running` is False or the bus is closed."""
         with suppress(LinkError):
-            self._live()
+            self._loop()
         self._line.close()
 
-    def _live(self):
+    def _loop(self):
         while self.running:
             self._line.wait(0.001)
             now = time.monotonic()
@@ -57,8 +57,8 @@ class BusRobot:
     """A session whose drive is on a virtual bus."""
 
     def __init__(self, protocol):
-        more = '_emulated' if protocol == 'odrive_can' else ''
-        hardware = load_hardware(f'gimball_{protocol}{more}').at(port=f'virtual:{protocol}')
+        suffix = '_emulated' if protocol == 'odrive_can' else ''
+        hardware = load_hardware(f'gimball_{protocol}{suffix}').at(port=f'virtual:{protocol}')
         self.hardware = replace(hardware, connection=replace(
             hardware.connection, imu_required=False, loop_rate=1.0 / PERIOD))
         torque = self.hardware.options().torque_limit
@@ -67,7 +67,7 @@ class BusRobot:
         self.session = Session(self.hardware, GIMBALL, connector(self.hardware))
 
     def run(self, seconds, torque=None, until=lambda report: False):
-        """Let the bridge tick, and command a torque if there is one; return the last report."""
+        """Tick the session, command a torque if one is given, and return the last report."""
         end = time.monotonic() + seconds
         report = None
         while time.monotonic() < end and not (report and until(report)):
@@ -78,7 +78,7 @@ class BusRobot:
         return report
 
     def close(self):
-        """End both."""
+        """Close the session and stop the drive."""
         self.session.close()
         self.drive.running = False
         self.drive.join()
@@ -86,7 +86,7 @@ class BusRobot:
 
 @pytest.fixture(params=PROTOCOLS)
 def robot(request):
-    """Return a session whose motor is under power."""
+    """Yield a session whose motor is armed."""
     made = BusRobot(request.param)
     made.session.configure()
     made.run(0.1)
@@ -98,7 +98,7 @@ def robot(request):
     made.close()
 
 
-def test_a_session_on_a_can_bus_gives_torque_and_takes_it_away(robot):
+def test_a_session_on_a_can_bus_applies_torque_and_removes_it(robot):
     wanted = 0.9 / (50.0 * 0.9)
     robot.run(2.0, 0.9, lambda _: robot.drive.device.torque() == pytest.approx(wanted, rel=0.01))
     assert robot.drive.device.torque() == pytest.approx(wanted, rel=0.01)
@@ -108,11 +108,11 @@ def test_a_session_on_a_can_bus_gives_torque_and_takes_it_away(robot):
     assert robot.session.control.power.state is MotorState.DISARMED
 
 
-def test_a_bus_that_is_off_takes_the_drive_away_and_the_watchdog_its_torque(robot):
+def test_bus_off_disconnects_the_drive_and_its_watchdog_ends_the_torque(robot):
     robot.run(0.2, 0.9)
     with can.Bus(robot.hardware.connection.port.partition(':')[2], interface='virtual') as other:
         other.send(can.Message(arbitration_id=0x40, is_error_frame=True, dlc=8))
-        robot.drive.running = False  # its end of the bus, too
+        robot.drive.running = False  # the drive leaves the bus, too
         robot.run(0.1, None, lambda report: report.state is MotorState.DISCONNECTED)
     assert robot.session.control.power.state is MotorState.DISCONNECTED
     assert robot.session.control.counts['links_lost'] == 1
@@ -121,7 +121,7 @@ def test_a_bus_that_is_off_takes_the_drive_away_and_the_watchdog_its_torque(robo
     assert robot.drive.device.torque() == 0.0
 
 
-def test_a_file_without_confirmed_settings_is_refused_for_a_0_5():
+def test_a_file_without_confirmed_settings_is_refused_for_firmware_0_5():
     robot = VirtualRobot('odrive_can')
     robot.start()
     with refused('inconsistent', 'torque limit', ConfigurationError) as caught:
@@ -132,7 +132,7 @@ def test_a_file_without_confirmed_settings_is_refused_for_a_0_5():
 
 @pytest.mark.parametrize('protocol, baud, enough', [
     ('odrive_can', 250000, 500000), *slow(('vesc_can', 500000, 1000000))])
-def test_a_bus_that_is_too_slow_is_refused_with_a_bit_rate_that_the_drive_has(
+def test_a_bus_that_is_too_slow_is_refused_and_a_supported_bit_rate_is_proposed(
         protocol, baud, enough):
     hardware = load_hardware(f'gimball_{protocol}')
     hardware = replace(hardware, connection=replace(hardware.connection, loop_rate=500.0))

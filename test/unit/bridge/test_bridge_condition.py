@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Heat and battery in a session: a warning, less torque, and the end, in this order."""
+"""Temperature and battery in a session: first a warning, then less torque, then a stop."""
 from dataclasses import replace
 
 import pytest
@@ -12,18 +12,18 @@ from ballbot_ros.errors import RefusedError
 
 
 def robot(battery=Battery(), thermal=Thermal(), **arguments):
-    """Return a robot with a pendulum in a shell that is held, ready to drive."""
+    """Return a robot whose shell is held, ready to drive."""
     found = VirtualRobot(held=True, **arguments)
     found.hardware = replace(found.hardware, battery=battery, thermal=thermal)
     found.start()
     return found.ready()
 
 
-def test_a_hot_power_stage_leaves_part_of_the_torque_before_the_drive_cuts():
+def test_a_hot_power_stage_reduces_the_torque_before_the_drive_trips():
     found = robot(thermal=Thermal(drive_warn_at=80.0, drive_zero_at=90.0), torque_limit=1.0)
     assert found.run(0.3, torque=1.0).torque == 1.0
     found.temperature = 85.0
-    report = found.run(0.5, torque=1.0)  # longer than the time between two temperatures
+    report = found.run(0.5, torque=1.0)  # longer than the interval between temperature readings
     assert report.condition.part == pytest.approx(0.5, abs=0.02)
     assert report.torque == pytest.approx(0.5, abs=0.02)
     assert report.condition.warnings == ('drive_hot',) and not report.e_stop
@@ -32,7 +32,7 @@ def test_a_hot_power_stage_leaves_part_of_the_torque_before_the_drive_cuts():
     assert report.torque == 0.5 and report.condition.part == 1.0 and not report.condition.warnings
 
 
-def test_a_motor_that_holds_more_than_it_bears_is_brought_to_what_it_bears():
+def test_torque_above_the_continuous_torque_decays_to_it():
     found = robot(thermal=Thermal(continuous_torque=0.4, time_constant=0.2), torque_limit=0.8)
     assert found.run(0.05, torque=0.8).torque == pytest.approx(0.8)
     report = found.run(1.5, torque=0.8)
@@ -41,7 +41,7 @@ def test_a_motor_that_holds_more_than_it_bears_is_brought_to_what_it_bears():
 
 
 @pytest.mark.slow
-def test_an_empty_battery_lets_the_pendulum_down_before_it_stops_and_stays_stopped():
+def test_an_empty_battery_lowers_the_pendulum_before_the_e_stop_and_inhibits_its_release():
     found = robot(battery=Battery(low_voltage=22.0, empty_voltage=21.0, smoothing=0.1,
                                   empty_time=0.5, fade_time=1.0))
     raised = found.run(1.5, torque=1.0)
@@ -53,10 +53,10 @@ def test_an_empty_battery_lets_the_pendulum_down_before_it_stops_and_stays_stopp
     faded = found.run(1.1, torque=1.0)
     assert 'battery_empty' in faded.condition.warnings
     assert 0.0 < faded.estimate.readings.pendulum_angle < 0.7 * angle
-    assert abs(faded.estimate.readings.pendulum_rate) < 2.0  # it comes down, and does not drop
+    assert abs(faded.estimate.readings.pendulum_rate) < 2.0  # lowered, not dropped
     stopped = found.run(0.6, torque=1.0)
     assert stopped.e_stop.reason is StopReason.BATTERY_EMPTY
-    found.bus_voltage = 21.5  # it recovers without load
+    found.bus_voltage = 21.5  # the voltage recovers without load
     found.run(2.0)
     with refused('standing', 'battery', RefusedError):
         found.session.release()
@@ -65,7 +65,7 @@ def test_an_empty_battery_lets_the_pendulum_down_before_it_stops_and_stays_stopp
     found.session.release()
 
 
-def test_a_start_with_an_empty_battery_is_refused_once_that_is_certain():
+def test_the_release_is_refused_with_an_empty_battery():
     found = VirtualRobot(held=True)
     found.hardware = replace(found.hardware, battery=Battery(
         empty_voltage=25.0, empty_time=0.2, fade_time=0.1))

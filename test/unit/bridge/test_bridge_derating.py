@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What heat leaves of the torque: closed forms first."""
+"""Thermal derating of the torque, compared with closed forms."""
 import math
 
 from hypothesis import given, strategies as some
@@ -21,17 +21,17 @@ def test_under_a_constant_torque_the_winding_warms_along_an_exponential():
         assert warmed(0.0, load, seconds, 30.0) == pytest.approx(expected, rel=1e-12)
 
 
-def test_twice_the_continuous_torque_may_last_the_logarithm_of_four_thirds_of_a_time_constant():
+def test_twice_the_continuous_torque_is_allowed_for_ln_four_thirds_time_constants():
     assert warmed(0.0, 2.0, 30.0 * math.log(4.0 / 3.0), 30.0) == pytest.approx(1.0)
 
 
 @given(warmths, loads, some.floats(0.0, 100.0), some.floats(0.0, 100.0))
-def test_two_steps_are_one(warmth, load, first, second):
+def test_two_steps_equal_one_step_of_their_sum(warmth, load, first, second):
     assert warmed(warmed(warmth, load, first, 30.0), load, second, 30.0) == pytest.approx(
         warmed(warmth, load, first + second, 30.0), rel=1e-9, abs=1e-12)
 
 
-def test_a_clock_that_stands_still_or_goes_back_warms_nothing():
+def test_time_that_stands_still_or_goes_backwards_does_not_warm_the_winding():
     assert warmed(0.5, 3.0, 0.0, 30.0) == 0.5
     assert warmed(0.5, 3.0, -5.0, 30.0) == 0.5
 
@@ -39,29 +39,29 @@ def test_a_clock_that_stands_still_or_goes_back_warms_nothing():
 @pytest.mark.parametrize('temperature, part', [
     (-20.0, 1.0), (80.0, 1.0), (85.0, 0.75), (90.0, 0.5), (100.0, 0.0), (150.0, 0.0),
     (None, 1.0), (math.nan, 1.0), (math.inf, 1.0)])
-def test_the_torque_is_taken_back_between_two_temperatures(temperature, part):
+def test_the_torque_fades_between_two_temperatures(temperature, part):
     assert derating(THERMAL, temperature, None, 0.0, 4.0)[0] == pytest.approx(part)
 
 
 @given(some.floats(0.0, 1.0), some.floats(0.1, 3.0))
-def test_a_motor_that_is_always_asked_for_all_ends_at_what_it_bears(warmth, continuous):
-    """Torque limit 1: the warmth ends at 1, or below where all of the torque brings no more."""
+def test_permanent_requests_of_full_torque_settle_at_the_continuous_torque(warmth, continuous):
+    """With a torque limit of 1, the warmth settles at 1, or lower if full torque causes less."""
     step = 0.01
     for _ in range(800):
         load = left_by(warmth, continuous) / continuous
         warmth = warmed(warmth, load, step, 1.0)
-        assert warmth <= 1.0 + step / continuous**2  # what a step may bring that begins cool
+        assert warmth <= 1.0 + step / continuous**2  # the most that one step adds
     assert warmth == pytest.approx(min(1.0, 1.0 / continuous**2), abs=0.2) and warmth < 1.0 + 1e-3
 
 
-def test_a_cool_winding_leaves_all_and_a_warm_one_what_it_bears_for_good():
+def test_a_cool_winding_allows_full_torque_and_a_hot_one_the_continuous_torque():
     assert left_by(DERATING_START, 0.5) == 1.0
     assert left_by(1.0, 0.5) == left_by(7.0, 0.5) == 0.5
     assert left_by(0.5 + 0.5 * DERATING_START, 0.5) == pytest.approx(0.75)
     assert left_by(5.0, 1.5) == 1.0
 
 
-def test_the_hottest_part_decides_and_each_is_named():
+def test_the_lowest_limit_applies_and_each_hot_part_is_named():
     assert derating(THERMAL, 85.0, 105.0, 0.0, 4.0) == (
         pytest.approx(0.5), ('drive_hot', 'motor_hot'))
     assert derating(THERMAL, 20.0, None, 0.9, 4.0) == (pytest.approx(0.75), ('motor_i2t',))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the doctor finds on ports that are real devices, and what it says to do."""
+"""Findings and remedies of the doctor on real ports."""
 from dataclasses import replace
 import fcntl
 from functools import partialmethod
@@ -35,12 +35,12 @@ def vesc():
 
 
 def only_wrong(findings):
-    """Return the one finding that is wrong."""
+    """Return the only wrong finding."""
     wrong, = (finding for finding in findings if finding.verdict == WRONG)
     return wrong
 
 
-def test_a_drive_that_is_well_set_is_all_right(vesc):
+def test_a_drive_with_correct_settings_passes(vesc):
     right = hardware(port=vesc.path, baud=460800, protocol='vesc')
     right = replace(right, drive={})
     findings = list(check_drive(right))
@@ -70,7 +70,7 @@ def test_bad_port_busy_port_wrong_protocol_and_wrong_baud_are_distinguished(vesc
     assert 'fuser' in findings[3].what
 
 
-def test_settings_that_are_not_safe_are_wrong_and_say_what_to_type():
+def test_unsafe_settings_are_wrong_and_have_a_command_as_remedy():
     from ballbot_ros.emulator.ball import settings_for
     scene = load_scene('flat')
     settings = settings_for(scene.model.robot, watchdog=0.0)
@@ -81,7 +81,7 @@ def test_settings_that_are_not_safe_are_wrong_and_say_what_to_type():
     assert findings[-1].verdict == NOTE and findings[-1].remedy.startswith('ss ')
 
 
-def test_an_odrive_from_the_factory_gets_each_setting_as_a_line_to_type():
+def test_factory_settings_of_an_odrive_are_each_reported_with_a_command():
     from ballbot_ros.emulator.ball import settings_for
     scene = load_scene('flat')
     settings = settings_for(scene.model.robot, quirks=('factory',))
@@ -110,14 +110,14 @@ def test_the_generation_of_the_firmware_is_named(firmware, board):
     assert board in findings[0].what and findings[0].what.endswith(f', generation {firmware}')
 
 
-def test_a_firmware_that_is_refused_is_not_taken_for_a_wrong_baud_rate():
+def test_unsupported_firmware_is_not_reported_as_a_wrong_baud_rate():
     with odrive('0.6') as drive:
         drive.call(lambda: drive.device.properties.update(fw_version_minor=7))
         wrong = only_wrong(check_drive(hardware(port=drive.path)))
     assert 'must be 0.5 or 0.6, got 0.7.11' in wrong.what and 'firmware' in wrong.remedy
 
 
-def test_an_ftdi_adapter_that_waits_is_found(tmp_path):
+def test_the_latency_timer_of_an_ftdi_adapter_is_found(tmp_path):
     folder = tmp_path / 'bus/usb-serial/devices/ttyUSB0'
     folder.mkdir(parents=True)
     (folder / 'latency_timer').write_text('16\n')
@@ -127,14 +127,14 @@ def test_an_ftdi_adapter_that_waits_is_found(tmp_path):
     assert not list(check_latency('/dev/ttyUSB0', tmp_path))
 
 
-def test_no_port_at_all_and_a_port_that_may_not_be_opened():
+def test_a_missing_port_and_a_port_without_permission_are_reported():
     assert next(check_ports([])).what == 'no serial port found'
-    if os.getuid():  # root may open all
+    if os.getuid():  # root may open every port
         assert WRONG in [finding.verdict for finding in check_ports([('/dev/mem', 'memory')])]
 
 
 @pytest.mark.parametrize('permitted, verdict', [(True, OK), (False, NOTE)])
-def test_a_real_time_priority_that_is_not_permitted_is_named_with_the_line_to_type(
+def test_a_real_time_priority_that_is_not_permitted_is_reported_with_the_remedy(
         permitted, verdict, monkeypatch):
     monkeypatch.setattr(doctor, 'permits', lambda priority: permitted)
     found, = (finding for finding in doctor.examine('gimball_odrive', '/dev/none', {})
@@ -157,7 +157,7 @@ def test_ros_domain_and_discovery_range_are_reported(environment, verdicts):
     assert environment.get('ROS_DOMAIN_ID', '0') in findings[0].what
 
 
-def test_a_port_that_may_be_opened_is_all_right_and_has_a_name_that_stays(tmp_path, monkeypatch):
+def test_an_accessible_port_passes_and_its_stable_name_is_proposed(tmp_path, monkeypatch):
     device = tmp_path / 'ttyUSB0'
     device.touch()
     findings = list(check_ports([(str(device), 'FTDI')], tmp_path))
@@ -176,7 +176,7 @@ def test_a_port_that_may_be_opened_is_all_right_and_has_a_name_that_stays(tmp_pa
     assert '/first' in named.remedy
 
 
-def test_a_port_that_a_group_may_open_is_wrong_for_another_user(tmp_path, monkeypatch):
+def test_a_port_of_another_group_is_wrong_with_usermod_as_remedy(tmp_path, monkeypatch):
     device = tmp_path / 'ttyUSB0'
     device.touch()
     assert list(check_permission(str(device))) == []
@@ -186,7 +186,7 @@ def test_a_port_that_a_group_may_open_is_wrong_for_another_user(tmp_path, monkey
 
 
 @pytest.mark.parametrize('fails', ['', 'identify', 'read_settings'])
-def test_however_a_drive_answers_its_port_is_closed_again(fails, monkeypatch):
+def test_the_port_is_closed_after_any_answer_of_the_drive(fails, monkeypatch):
     class Drive:
         line = SimpleNamespace(closed=0, port='x')
         keeping = ''
@@ -244,7 +244,7 @@ def test_the_most_likely_settings_are_tried_first_and_none_twice(monkeypatch):
     assert len(set(port.tried)) == len(port.tried) == len(said)
 
 
-def test_every_protocol_is_tried_at_every_rate_that_it_may_have(monkeypatch):
+def test_every_protocol_is_tried_at_every_rate_that_it_supports(monkeypatch):
     port = Port(monkeypatch, 'nothing', 0)
     assert probe('x') is None
     assert set(port.tried) == {
@@ -252,7 +252,7 @@ def test_every_protocol_is_tried_at_every_rate_that_it_may_have(monkeypatch):
         for rate in driver_class(name).baud_rates}
 
 
-def test_can_interfaces_are_named_and_one_that_is_down_with_what_sets_it_up(tmp_path):
+def test_can_interfaces_are_listed_and_an_inactive_one_with_the_command_that_enables_it(tmp_path):
     for name, kind, state in (('can0', 280, 'down'), ('vcan0', 280, 'unknown'), ('lo', 772, 'up'),
                               ('odd', 'x', 'up')):
         folder = tmp_path / 'class' / 'net' / name
@@ -265,13 +265,13 @@ def test_can_interfaces_are_named_and_one_that_is_down_with_what_sets_it_up(tmp_
     assert 'ip link set can0 up type can bitrate' in down.remedy
 
 
-def test_a_drive_that_is_silent_on_a_can_bus_is_looked_for_where_a_bus_has_its_ends():
+def test_no_answer_on_a_can_bus_suggests_a_check_of_the_termination():
     finding, = check_drive(load_hardware('gimball_vesc_can').at('virtual:missing'))
     assert finding.verdict == WRONG and 'no VESC with can_id 0' in finding.what
     assert '120 ohm' in finding.remedy and 'RX' not in finding.remedy
 
 
-def test_on_a_can_bus_only_its_own_protocols_are_tried_and_only_at_its_bit_rate(monkeypatch):
+def test_on_a_can_bus_only_can_protocols_are_tried_and_only_at_its_bit_rate(monkeypatch):
     port = Port(monkeypatch, 'nothing', 0)
     assert probe('can0', 'vesc_can', 500000) is None
     assert set(port.tried) == {
@@ -279,7 +279,7 @@ def test_on_a_can_bus_only_its_own_protocols_are_tried_and_only_at_its_bit_rate(
     assert port.tried[0][0] == 'vesc_can'
 
 
-def test_a_port_that_cannot_be_opened_is_not_tried_again_unless_it_is_for_the_rate(monkeypatch):
+def test_a_port_that_cannot_be_opened_is_retried_only_after_a_bad_baud_rate(monkeypatch):
     for reason in ('busy', 'bad_baud'):
         said = []
         Port(monkeypatch, 'vesc', 1, LinkError('planted', reason, 'port'))

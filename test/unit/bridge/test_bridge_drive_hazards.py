@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Through a whole session: delayed replies, another sender, settings that change, restarts."""
+"""Hazards in a complete session: delayed replies, a second sender, changed settings, restarts."""
 from dataclasses import replace
 
 import pytest
@@ -17,10 +17,10 @@ PROTOCOLS = ('odrive 0.5', 'odrive 0.6', 'odrive_can 0.5', 'odrive_can 0.6', 'ro
 
 
 def age_of_measurements(robot, latency, seconds):
-    """Return the largest age of a measurement while the motor made a torque [s]."""
-    begin, largest = robot.now, 0.0
+    """Return the largest age of a measurement while the motor produced torque [s]."""
+    start, largest = robot.now, 0.0
     for _ in range(round(seconds / STEP)):
-        robot._delay = max(latency(robot.now - begin), 0.5 * STEP)
+        robot._delay = max(latency(robot.now - start), 0.5 * STEP)
         robot.run(STEP, torque=0.5)
         estimate = robot.session.fusion.estimate
         if robot.motor != 0.0 and estimate is not None:
@@ -30,7 +30,7 @@ def age_of_measurements(robot, latency, seconds):
 
 @pytest.mark.parametrize('protocol', ['roboclaw', *(
     pytest.param(name, marks=pytest.mark.slow) for name in PROTOCOLS if name != 'roboclaw')])
-def test_replies_that_are_delayed_more_and_more_end_the_torque(protocol):
+def test_replies_with_growing_delay_end_the_torque(protocol):
     robot = VirtualRobot(protocol).ready()
     robot.run(0.1, torque=0.5)
     assert robot.motor != 0.0
@@ -39,13 +39,13 @@ def test_replies_that_are_delayed_more_and_more_end_the_torque(protocol):
 
 
 def hazards_of(report):
-    """Return the changed settings of an e-stop by a hazard; empty for another sender."""
+    """Return the changed settings that caused the e-stop; [''] for another sender."""
     assert report.e_stop.reason is StopReason.HAZARD
     return list(report.e_stop.names)
 
 
 def run_until_stopped(robot, seconds):
-    """Run with torque until an e-stop, or for some seconds; return the last report."""
+    """Run with torque until an e-stop or for `seconds`; return the last report."""
     for _ in range(round(10.0 * seconds)):
         report = robot.run(0.1, torque=0.1)
         if report.e_stop:

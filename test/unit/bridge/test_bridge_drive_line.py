@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A line that is opened, lost, looked for and found, and a drive that shakes hands or does not."""
+"""Opening, loss and reconnection of a line, and the handshake with the drive."""
 from types import SimpleNamespace
 
 import pytest
@@ -20,7 +20,7 @@ BAD = Setting('watchdog', 'off', 'at most 0.1 s', False, 'turn it on')
 
 
 class Drive:
-    """A drive that answers as `error` and `settings` say, and notes what it is asked."""
+    """A drive that answers with `error` or `settings` and records its requests."""
 
     def __init__(self, error=None, settings=(GOOD,)):
         self.error, self.settings, self.asked, self.timeout = error, settings, [], []
@@ -44,7 +44,7 @@ class Drive:
 
 
 class Bench:
-    """A line with a clock that the test moves, and the drives that it will find."""
+    """A line with a simulated clock and the drives that it finds in turn."""
 
     def __init__(self, *drives):
         self.now, self.drives, self.found = 50.0, list(drives), []
@@ -59,7 +59,7 @@ class Bench:
         return drive
 
     def look(self, pause=WATCHDOG + RETRY):
-        """Look for the drive after a pause."""
+        """Try to reconnect after a pause."""
         self.now += pause
         return self.line.reconnect()
 
@@ -73,7 +73,7 @@ def test_a_drive_is_stopped_before_it_is_taken_over():
     assert drive.asked == ['identify', 'stop'] and drive.timeout == [0.5]
 
 
-def test_settings_that_are_not_safe_are_refused_with_all_of_them_and_the_line_is_closed():
+def test_all_unsafe_settings_are_named_in_the_refusal_and_the_line_is_closed():
     drive = Drive(settings=(GOOD, BAD, BAD._replace(name='limit', remedy='')))
     with refused('inconsistent', 'watchdog', ConfigurationError) as caught:
         handshake(lambda: drive, 0.5)
@@ -82,7 +82,7 @@ def test_settings_that_are_not_safe_are_refused_with_all_of_them_and_the_line_is
     assert drive.asked[-1] == 'close'
 
 
-def test_an_open_line_has_a_drive_and_no_trouble_and_a_closed_one_neither():
+def test_an_open_line_has_a_drive_and_a_closed_one_has_none():
     bench = Bench(Drive())
     identity, settings = bench.line.open(0.5)
     assert bench.line.driver and bench.line.identity == identity and settings == (GOOD,)
@@ -93,7 +93,7 @@ def test_an_open_line_has_a_drive_and_no_trouble_and_a_closed_one_neither():
     assert bench.found[0].asked.count('close') == 1
 
 
-def test_a_line_that_cannot_be_opened_says_why_until_it_can():
+def test_a_line_that_cannot_be_opened_reports_the_reason_until_it_opens():
     bench = Bench(LinkError('no such port', 'missing', 'port'), Drive())
     with pytest.raises(LinkError):
         bench.line.open(0.5)
@@ -102,7 +102,7 @@ def test_a_line_that_cannot_be_opened_says_why_until_it_can():
     assert bench.line.trouble == ''
 
 
-def test_opening_closes_what_was_open():
+def test_opening_closes_the_previous_connection():
     bench = Bench(Drive(), Drive())
     bench.line.open(0.5)
     bench.line.open(0.5)
@@ -121,7 +121,7 @@ def test_nothing_is_sent_for_longer_than_the_watchdog_after_a_loss_and_each_fail
     assert bench.line.reconnects == 1 and bench.line.trouble == ''
 
 
-def test_the_timeout_grows_with_each_failure_up_to_a_second_and_shrinks_once_it_is_back():
+def test_the_handshake_timeout_grows_with_failures_up_to_a_second_and_is_reset_on_success():
     bench = Bench(*[Drive(SILENT)] * 6, Drive(), Drive(SILENT))
     for _ in range(6):
         assert not bench.look()
@@ -133,7 +133,7 @@ def test_the_timeout_grows_with_each_failure_up_to_a_second_and_shrinks_once_it_
     assert bench.found[-1].timeout == [0.25]
 
 
-def test_why_a_drive_is_not_found_is_logged_once_and_again_when_it_changes(caplog):
+def test_the_reason_for_a_missing_drive_is_logged_once_and_again_when_it_changes(caplog):
     caplog.set_level('INFO')
     gone = LinkError('no such port', 'missing', 'port')
     bench = Bench(Drive(), gone, gone, Drive(SILENT), gone, Drive())
@@ -157,7 +157,7 @@ def test_the_traffic_of_all_lines_is_kept_in_one_capture(tmp_path):
             driver = connect()
             assert driver.identify(20.0).protocol == 'odrive' and driver.line.baud == 921600
             driver.line.close()
-        del driver, connect  # which completes the file
+        del driver, connect  # completes the file
     asked = [record.data for record in read_capture(path) if record.direction == '>']
     assert asked.count(asked[0]) == 2
     assert any(record.direction == '<' for record in read_capture(path))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults of sensors, line and drive in simulated time: no torque on data that cannot be right."""
+"""Faults of sensors, line and drive in simulated time: no torque on implausible data."""
 from dataclasses import replace
 import random
 
@@ -40,7 +40,7 @@ def test_an_encoder_that_contradicts_the_velocity_of_the_drive_engages_the_e_sto
     robot = VirtualRobot(protocol).ready()
     robot.run(0.4, torque=2.0)
     fault(robot)
-    report = robot.run(0.4, torque=0.1)  # too little torque for a contradiction to it
+    report = robot.run(0.4, torque=0.1)  # too little torque to contradict it
     assert report.e_stop.reason is StopReason.ENCODER_VELOCITY
     assert report.state is not MotorState.ARMED and robot.motor == 0.0
 
@@ -51,7 +51,7 @@ def test_a_busy_machine_causes_no_e_stop(protocol, seed):
     rng = random.Random(seed)
     robot = VirtualRobot(protocol, onboard='gentle').ready()
     hold_up(robot, rng, 0.045)
-    # Together less than the watchdog of the drive.
+    # The delays together are shorter than the watchdog of the drive.
     for _ in range(8):
         loop_late(robot, rng, 0.05, 0.4, SetPoint(Mode.HOLD, rng.uniform(-1.2, 1.2)))
     assert not robot.session.supervisor.e_stop
@@ -70,7 +70,7 @@ def test_a_contradiction_is_found_on_a_busy_machine(fault):
 
 
 @pytest.mark.slow
-def test_steps_and_walls_at_full_torque_are_no_contradiction():
+def test_steps_and_walls_at_full_torque_cause_no_e_stop():
     for height, set_point in ((0.031, SetPoint(Mode.SPEED, 1.0)), (0.2, SetPoint(Mode.HOLD, 1.4))):
         robot = VirtualRobot(onboard='published', terrain=[
             {'flat': {'length': 1.426}}, {'step': {'height': height}}, {'flat': {'length': 3.0}}])
@@ -87,10 +87,10 @@ def test_a_drive_that_does_not_confirm_its_status_is_stopped(protocol):
     assert robot.session.control.counts['unconfirmed'] == 1
 
 
-def test_a_process_that_was_preempted_does_not_take_the_status_for_lost():
+def test_preemption_of_the_process_does_not_count_as_an_unconfirmed_status():
     robot = VirtualRobot(onboard='gentle').ready()
     loop(robot, 0.1, FORWARD)
-    robot.pass_time(0.25)  # the drive trips by its watchdog meanwhile
+    robot.pass_time(0.25)  # meanwhile the watchdog of the drive trips
     robot.loop(0.05)
     assert robot.session.control.counts['unconfirmed'] == 0
 
@@ -185,7 +185,7 @@ def test_a_vesc_continues_after_a_corrupted_length(direction):
 
 
 @pytest.mark.parametrize('protocol', [*slow(*PROTOCOLS[:3]), PROTOCOLS[3]])
-def test_an_imu_upside_down_inhibits_the_release_where_the_encoder_has_a_zero(protocol):
+def test_an_imu_upside_down_inhibits_the_release_if_the_encoder_zero_is_set(protocol):
     robot = VirtualRobot(protocol, onboard='gentle')
     robot.hardware = replace(robot.hardware, joint=replace(robot.hardware.joint, encoder_zero=0.0))
     robot.start()
@@ -200,27 +200,27 @@ def test_an_imu_upside_down_inhibits_the_release_where_the_encoder_has_a_zero(pr
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('torque', [0.35, *slow(0.05)])  # below that of a check of the torque
+@pytest.mark.parametrize('torque', [0.35, *slow(0.05)])  # below the threshold of the torque check
 @pytest.mark.parametrize('fault, turn', [
     *slow((frozen(False), 4.5), (reversed_encoder(False), 2.3)), (upside_down, 2.3)])
-def test_sensors_that_contradict_each_other_stop_slow_motion_within_a_part_of_a_turn(
+def test_contradictory_sensors_stop_slow_motion_within_a_fraction_of_a_turn(
         fault, turn, torque):
     robot = VirtualRobot().ready()
     robot.run(0.3, torque=torque)
     fault(robot)
-    begin = robot.plant.state.ball_angle
+    start = robot.plant.state.ball_angle
     for _ in range(800):
         robot.run(0.02, torque=torque)
         if robot.session.supervisor.e_stop:
             break
     assert robot.session.supervisor.e_stop.reason is StopReason.IMU_TURN_RATE
-    assert abs(robot.plant.state.ball_angle - begin) < turn
+    assert abs(robot.plant.state.ball_angle - start) < turn
 
 
 @pytest.mark.slow
-def test_an_imu_upside_down_at_rest_gives_no_torque_before_it_is_found():
+def test_an_imu_upside_down_at_rest_is_detected_within_a_fraction_of_a_turn():
     robot = VirtualRobot()
-    upside_down(robot)  # a shell at rest may lie on any side: this may be so
+    upside_down(robot)  # a shell at rest may lie on any side, so this is plausible
     robot.ready()
     for _ in range(600):
         robot.run(0.02, torque=0.1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hardware files, and loops that cannot work and say so."""
+"""Hardware files, and the refusal of infeasible control loops."""
 from dataclasses import replace
 
 import pytest
@@ -21,22 +21,22 @@ SHIPPED = sorted(path.stem for path in (config_folder() / 'hardware').glob('*.ya
 
 
 def content(**sections):
-    """Return what the shipped file of the ODrive says, with some entries changed."""
-    whole = dict(read_yaml(config_folder() / 'hardware/gimball_odrive.yaml'))
+    """Return the shipped ODrive file with some entries changed."""
+    file = dict(read_yaml(config_folder() / 'hardware/gimball_odrive.yaml'))
     for section, entries in sections.items():
-        whole[section] = {**whole[section], **entries}
-    return whole
+        file[section] = {**file[section], **entries}
+    return file
 
 
 def changed(**connection):
-    """Return the shipped hardware with another connection, at 500 Hz unless given."""
+    """Return the shipped hardware with changes to its connection; by default at 500 Hz."""
     hardware = load_hardware('gimball_odrive')
     return replace(hardware, connection=replace(
         hardware.connection, **{'loop_rate': 500.0, **connection}))
 
 
 @pytest.mark.parametrize('name', [SHIPPED[0], *slow(*SHIPPED[1:])])
-def test_shipped_hardware_works_and_says_what_is_assumed(name):
+def test_shipped_hardware_is_feasible_and_marks_assumed_values(name):
     hardware = load_hardware(name)
     check_feasible(hardware, load_robot(hardware.robot), GENTLE)
     assert hardware.name == name
@@ -45,7 +45,7 @@ def test_shipped_hardware_works_and_says_what_is_assumed(name):
 
 
 @pytest.mark.parametrize('name', SHIPPED)
-def test_the_battery_is_one_for_the_motor_of_the_robot(name):
+def test_the_battery_fits_the_motor_of_the_robot(name):
     hardware = load_hardware(name)
     battery, motor = hardware.battery, load_robot(hardware.robot).motor
     assert battery.low_voltage < motor.maximum_voltage < battery.full_voltage
@@ -56,7 +56,7 @@ def test_the_battery_is_one_for_the_motor_of_the_robot(name):
     ({'torque_limit': 0.3}, 1.0, 0.3, 4.0),
     ({'torque_limit': 0.3, 'drive_torque_limit': 0.0}, 1.0, 0.3, 0.3),
     ({'torque_limit': 6.0}, 1.0, 6.0, 6.0)])
-def test_the_drive_may_keep_its_limit_when_that_of_the_file_is_lowered_or_calibrated(
+def test_the_limit_of_the_drive_may_exceed_a_lowered_or_calibrated_limit_of_the_file(
         limits, factor, sent, own):
     options = read_hardware(content(limits=limits, joint={'torque_factor': factor}),
                             'test').options()
@@ -65,7 +65,7 @@ def test_the_drive_may_keep_its_limit_when_that_of_the_file_is_lowered_or_calibr
 
 
 @pytest.mark.parametrize('name', SHIPPED)
-def test_the_gear_is_that_of_the_robot(name):
+def test_the_gear_matches_the_robot(name):
     motor = GIMBALL.motor
     joint = load_hardware(name).joint
     assert (joint.gear_ratio, joint.gear_efficiency) == (motor.gear_ratio, motor.gear_efficiency)
@@ -89,7 +89,7 @@ def test_an_invalid_entry_of_a_file_is_named(sections, reason, field, proposed):
     assert proposed in str(caught.value)
 
 
-# Section, what else it must have, field, the least and the most that it may be, and beyond.
+# Section, its other required fields, field, allowed extremes, values out of range.
 RANGES = [
     (Joint, {'gear_ratio': 50.0}, 'gear_efficiency', (1e-6, 1.0), (0.0, 1.0001)),
     (Joint, {'gear_ratio': 50.0}, 'torque_factor', (1e-6, 10.0), (0.0, 10.001)),
@@ -111,7 +111,7 @@ RANGES = [
 
 
 @pytest.mark.parametrize('section, needs, field, allowed, beyond', RANGES)
-def test_each_value_may_be_what_is_safe_and_nothing_beyond(
+def test_each_value_is_accepted_only_within_its_range(
         section, needs, field, allowed, beyond):
     for value in allowed:
         assert getattr(section(**needs, **{field: value}), field) == value
@@ -121,7 +121,7 @@ def test_each_value_may_be_what_is_safe_and_nothing_beyond(
             section(**needs, **{field: value})
 
 
-def test_a_file_that_says_no_more_than_it_must_is_one_of_a_careful_bridge():
+def test_a_minimal_file_has_conservative_defaults():
     hardware = read_hardware(
         {'name': 'mine', 'robot': 'gimball', 'connection': {'protocol': 'odrive', 'port': 'x'},
          'joint': {'gear_ratio': 50.0}, 'limits': {'torque_limit': 1.0}}, 'my.yaml')
@@ -135,7 +135,7 @@ def test_a_file_that_says_no_more_than_it_must_is_one_of_a_careful_bridge():
         encoder_zero=None)
 
 
-def test_all_that_is_missing_in_any_section_is_named_together():
+def test_all_missing_fields_of_all_sections_are_named_together():
     with pytest.raises(ConfigurationError) as caught:
         read_hardware({'name': 'mine', 'connection': {'protocol': 'vesc'}}, 'my.yaml')
     assert [(problem.reason, problem.field) for problem in caught.value.problems] == [
@@ -151,7 +151,7 @@ def test_name_and_robot_must_be_text(missing):
             read_hardware({**content(), missing: value}, 'my.yaml')
 
 
-def test_a_port_and_a_baud_rate_that_are_given_replace_those_of_the_file():
+def test_a_given_port_and_baud_rate_replace_those_of_the_file():
     file = load_hardware('gimball_odrive')
     there = file.at('/dev/other')
     assert (there.connection.port, there.connection.baud) == ('/dev/other', 921600)
@@ -160,7 +160,7 @@ def test_a_port_and_a_baud_rate_that_are_given_replace_those_of_the_file():
 
 
 @pytest.mark.parametrize('direction', [1, -1])
-def test_the_driver_has_the_torque_limit_of_the_pendulum_at_the_shaft_of_the_motor(direction):
+def test_the_driver_has_the_torque_limit_of_the_pendulum_referred_to_the_motor_shaft(direction):
     hardware = load_hardware('gimball_vesc')
     hardware = replace(hardware, joint=replace(hardware.joint, direction=direction),
                        connection=replace(hardware.connection, watchdog=0.2))
@@ -173,10 +173,10 @@ def test_the_driver_has_the_torque_limit_of_the_pendulum_at_the_shaft_of_the_mot
 @pytest.mark.parametrize('name', [
     'torque_limit', 'drive_torque_limit', 'speed_limit', 'watchdog'])
 def test_the_section_drive_does_not_override_a_safety_setting(name):
-    whole = dict(read_yaml(config_folder() / 'hardware/gimball_odrive.yaml'))
-    whole['drive'] = {**whole.get('drive', {}), name: 3.0}
+    file = dict(read_yaml(config_folder() / 'hardware/gimball_odrive.yaml'))
+    file['drive'] = {**file.get('drive', {}), name: 3.0}
     with refused('inconsistent', name):
-        read_hardware(whole, 'here')
+        read_hardware(file, 'here')
     with refused('inconsistent', name):
         replace(load_hardware('gimball_odrive'), drive={name: 3.0}).options()
 
@@ -186,20 +186,20 @@ def test_a_setting_that_a_drive_does_not_have_is_refused_in_the_file():
         replace(load_hardware('gimball_odrive'), drive={'poles': 7}).options()
 
 
-def test_a_file_that_does_not_exist_is_answered_with_those_that_do():
+def test_a_missing_file_is_refused_with_the_available_files():
     with refused('unknown_name', 'hardware', ConfigurationError) as caught:
         load_hardware('gimball_oddrive')
     assert "'gimball_odrive'" in str(caught.value)
 
 
-def test_the_joint_turns_shaft_into_pendulum_and_back():
+def test_the_joint_converts_between_motor_shaft_and_pendulum():
     joint = Joint(gear_ratio=50.0, gear_efficiency=0.8, direction=-1, torque_factor=1.25)
     assert joint.joint_angle(100.0) == -2.0
     assert joint.motor_torque(1.0) == pytest.approx(-0.02)
     assert Joint(gear_ratio=50.0, encoder_scale=1.0).joint_angle(2.0) == 2.0
 
 
-def test_a_line_that_is_too_slow_is_refused_with_the_baud_that_does():
+def test_a_line_that_is_too_slow_is_refused_with_a_sufficient_baud_rate():
     budget = wire_budget(changed(), GIMBALL)
     assert budget.duration(921600) == pytest.approx(
         10.0 * (budget.bytes_out + budget.bytes_in) / 921600)
@@ -213,7 +213,7 @@ def test_a_line_that_is_too_slow_is_refused_with_the_baud_that_does():
     assert set(BAUD_RATES) <= set(serial.Serial.BAUDRATES)
 
 
-def test_a_line_that_no_rate_of_these_gains_fits_is_refused_with_other_gains():
+def test_a_line_that_is_too_slow_for_any_rate_of_the_gains_is_refused():
     with refused('inconsistent', 'loop_rate', ConfigurationError):
         check_feasible(changed(baud=115200), GIMBALL, PUBLISHED)
 
@@ -227,7 +227,7 @@ def test_gains_that_diverge_at_the_rate_of_the_loop_are_refused():
 
 
 @pytest.mark.slow
-def test_a_baud_rate_that_is_in_the_way_of_that_rate_is_named():
+def test_a_baud_rate_that_prevents_a_stable_loop_rate_is_named():
     with refused('unstable', 'baud', UnstableLoopError):
         check_feasible(changed(baud=115200, loop_rate=80.0), GIMBALL, PUBLISHED)
 
@@ -238,7 +238,7 @@ def test_a_watchdog_shorter_than_three_periods_is_refused():
     check_feasible(changed(loop_rate=100.0, watchdog=0.03), GIMBALL, GENTLE)
 
 
-def test_on_board_a_torque_is_late_by_what_is_on_the_line_and_a_reserve():
+def test_the_onboard_lag_is_the_time_on_the_line_plus_a_reserve():
     budget = wire_budget(changed(), GIMBALL)
     assert onboard_lag(changed(), GIMBALL) == pytest.approx(
         10.0 * (budget.bytes_out + budget.bytes_in) / 921600 + RESERVE)
@@ -246,7 +246,7 @@ def test_on_board_a_torque_is_late_by_what_is_on_the_line_and_a_reserve():
 
 @pytest.mark.parametrize('name, lowest', [
     ('gimball_odrive', 548.0), *slow(('gimball_vesc', 170.0), ('gimball_roboclaw', 154.4))])
-def test_the_published_gains_need_this_rate_on_board(name, lowest):
+def test_the_published_gains_need_a_minimum_rate_on_board(name, lowest):
     hardware = load_hardware(name)
     hardware = replace(hardware, connection=replace(hardware.connection, loop_rate=700.0))
     assert check_feasible(hardware, GIMBALL, PUBLISHED, 0, onboard_lag(hardware, GIMBALL)) \
@@ -260,7 +260,7 @@ def test_gains_that_diverge_on_board_are_refused_with_the_delay_in_milliseconds(
         assert value in str(caught.value)
 
 
-def test_joint_states_come_at_most_at_the_rate_of_the_loop():
+def test_the_joint_state_rate_must_not_exceed_the_loop_rate():
     check_joint_state_rate(changed(), 500.0)
     with refused('inconsistent', 'joint_state_rate', ConfigurationError):
         check_joint_state_rate(changed(), 501.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the bridge publishes on /diagnostics: each level with its message, and every count."""
+"""Diagnostics of the bridge: each level with its message, and every count."""
 from collections import Counter
 from pathlib import Path
 import re
@@ -45,7 +45,7 @@ def test_before_configure_it_warns():
     assert found['late_periods'] == 0
 
 
-def test_a_configure_that_failed_is_reported_with_the_reason():
+def test_a_failed_configure_is_reported_with_the_reason():
     robot = VirtualRobot()
     robot.plugged = False
     with pytest.raises(LinkError):
@@ -57,14 +57,14 @@ def test_a_configure_that_failed_is_reported_with_the_reason():
     assert described(robot, loop=None)[1] == 'not configured'
 
 
-def test_a_motor_that_takes_no_power_is_an_error_though_no_fault_is_named():
+def test_a_motor_that_cannot_be_armed_is_an_error_without_a_named_fault():
     robot = driving(rearm=True)
     receive = robot.device.receive
 
-    def stubborn(data, now):
-        robot.now += 1e-4  # a question takes its time, and timeout ends
+    def keep_disarmed(data, now):
+        robot.now += 1e-4  # a request takes time, so that its timeout ends
         return receive(data.replace(b'requested_state 8', b'requested_state 1'), now)
-    robot.device.receive = stubborn
+    robot.device.receive = keep_disarmed
     robot.session.engage('button')
     robot.run(0.3, torque=0.0)
     robot.run(0.6)
@@ -78,7 +78,7 @@ def test_a_motor_that_takes_no_power_is_an_error_though_no_fault_is_named():
     assert described(robot)[:2] == (diagnostics.OK, 'running')
 
 
-def test_a_drive_that_is_away_is_an_error_with_the_reason_even_under_e_stop():
+def test_a_disconnected_drive_is_an_error_with_the_reason_even_under_e_stop():
     robot = driving()
     robot.plugged = False
     robot.run(0.1, torque=0.2)
@@ -100,14 +100,14 @@ def test_the_e_stop_is_a_warning_with_its_reason():
     assert values(robot)['e_stop_reason'] == 'requested' and values(robot)['e_stops'] == 1
 
 
-def test_faults_of_the_drive_are_an_error_where_no_e_stop_says_more():
+def test_faults_of_the_drive_are_an_error_unless_the_e_stop_is_engaged():
     robot = driving(rearm=True)
     robot.temperature = 200.0
     robot.run(0.3, torque=0.2)
     level, message, found = described(robot)
     assert level == diagnostics.ERROR and found['e_stop'] == ''
     assert 'MOTOR_FAILED' in found['faults'] and message == f'the drive reports {found["faults"]}'
-    # With the e-stop, which is not released by itself, that is the message.
+    # An engaged e-stop, which does not release itself, takes precedence.
     robot = driving()
     robot.device.over_current()
     robot.run(0.1, torque=0.2)
@@ -116,7 +116,7 @@ def test_faults_of_the_drive_are_an_error_where_no_e_stop_says_more():
     assert found['disarmed_by_drive'] == 1
 
 
-def test_commands_that_timed_out_are_a_warning_until_they_come_again():
+def test_commands_that_timed_out_are_a_warning_until_the_next_command():
     robot = driving()
     robot.run(0.2)
     assert described(robot)[:2] == (diagnostics.WARN, 'commands timed out')
@@ -125,14 +125,14 @@ def test_commands_that_timed_out_are_a_warning_until_they_come_again():
     assert described(robot)[:2] == (diagnostics.OK, 'running')
 
 
-def test_without_an_imu_it_warns_where_none_is_required():
+def test_without_an_imu_there_is_a_warning_if_none_is_required():
     robot = driving(imu=False)
     assert described(robot)[:2] == (
         diagnostics.WARN, 'no IMU: pendulum angle unreliable off level floor')
     assert values(robot)['imu'] == 'silent'
 
 
-def test_a_robot_that_follows_commands_is_well():
+def test_a_robot_that_follows_commands_is_ok():
     robot = driving()
     level, message, found = described(robot)
     assert (level, message) == (diagnostics.OK, 'running')
@@ -143,7 +143,7 @@ def test_a_robot_that_follows_commands_is_well():
 # Values -----------------------------------------------------------------------------------
 
 @pytest.mark.parametrize('protocol', ['odrive', 'vesc', 'roboclaw'])
-def test_it_reports_which_drive_on_which_port(protocol):
+def test_drive_and_port_are_reported(protocol):
     robot = driving(protocol=protocol)
     found, identity = values(robot), robot.session.line.identity
     assert found['port'] == robot.hardware.connection.port and found['protocol'] == protocol
@@ -152,7 +152,7 @@ def test_it_reports_which_drive_on_which_port(protocol):
     assert found['firmware']
 
 
-def test_every_count_is_there_from_the_start_and_is_zero():
+def test_every_count_starts_at_zero():
     found = values(VirtualRobot(), loop=None)
     fixed = {key for key in VALUES if key == key.lower()}
     assert set(found) == fixed
@@ -162,7 +162,7 @@ def test_every_count_is_there_from_the_start_and_is_zero():
     assert {found[key] for key in counted} == {0}
 
 
-def test_commands_are_counted_those_refused_by_reason():
+def test_commands_are_counted_and_refused_ones_by_reason():
     robot = driving()
     before = values(robot)
     for stamp, reason in ((robot.now - 1.0, 'stale'), (robot.now + 1.0, 'from_the_future'),
@@ -187,17 +187,17 @@ def test_commands_are_counted_those_refused_by_reason():
     ({'torque_rate_limit': 20.0}, 0.25, {'limited_rate'}),
     ({'angle_limit': 0.1}, 0.2, {'limited_angle'}),
     ({'speed_limit': 0.4}, 0.2, {'limited_speed'})])
-def test_each_limit_that_cuts_is_counted_under_its_name(limits, torque, counts):
+def test_each_active_limit_is_counted_under_its_name(limits, torque, counts):
     robot = VirtualRobot(held=True, **limits).ready()
     robot.run(0.3, torque=torque)
     found = values(robot)
     names = ('limited_torque', 'limited_rate', 'limited_angle', 'limited_speed')
     assert {name for name in names if found[name]} >= counts
-    # A jump from rest is always slowed down.
+    # The rate limit always acts on a jump from rest.
     assert {name for name in names if found[name]} <= {*counts, 'limited_rate'}
 
 
-def test_the_line_that_was_lost_and_found_is_counted():
+def test_loss_and_recovery_of_the_line_are_counted():
     robot = driving()
     robot.plugged = False
     robot.run(0.1)
@@ -216,8 +216,8 @@ def test_encoder_imu_and_loop_are_counted():
     assert (found['imu_refused'], found['late_periods']) == (3, 7)
 
 
-def test_a_count_that_begins_during_a_report_does_no_harm():
-    # The loop runs in another thread: nothing may be iterated over that it adds to.
+def test_a_count_that_is_added_during_a_report_does_no_harm():
+    # A report must not iterate over counters to which the thread of the loop adds.
     class Busy(Counter):
         def items(self):
             for item in super().items():
@@ -232,7 +232,7 @@ def test_a_count_that_begins_during_a_report_does_no_harm():
 # The document -----------------------------------------------------------------------------
 
 @pytest.mark.parametrize('protocol', ['odrive', 'vesc', 'roboclaw'])
-def test_every_value_stands_in_the_document(protocol):
+def test_every_value_is_documented(protocol):
     text = DOCUMENT.read_text(encoding='utf-8').split('table: bridge health')[1]
     rows = dict(re.findall(r'^\| `(\w+)` \| (.*) \|$', text, re.M))
     robot = driving(protocol=protocol)
@@ -247,7 +247,7 @@ def test_every_value_stands_in_the_document(protocol):
             assert key in rows
 
 
-def test_every_message_stands_in_the_document():
+def test_every_message_is_documented():
     text = DOCUMENT.read_text(encoding='utf-8')
     for level, message in (
             ('WARN', 'not configured'), ('ERROR', 'cannot arm: WHY'),
@@ -260,7 +260,7 @@ def test_every_message_stands_in_the_document():
 
 # Laws on board ----------------------------------------------------------------------------
 
-def test_the_law_in_force_and_its_set_value_are_reported():
+def test_the_active_law_and_its_set_value_are_reported():
     assert values(driving())['control'] == 'direct' and values(driving())['law'] == ''
     robot = VirtualRobot(onboard='gentle').ready()
     robot.loop(0.1, SetPoint(Mode.SPEED, 0.25))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A loop that keeps its rate, hands on what it finds, and closes the session however it ends."""
+"""The loop keeps its rate, publishes its reports, and closes the session in every case."""
 import threading
 import time
 from typing import NamedTuple, Optional
@@ -12,18 +12,18 @@ from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.observer import SessionObserver
 
 RATE = 100.0
-TIMEOUT = 20.0  # with a busy machine [s]
+TIMEOUT = 20.0  # on a busy machine [s]
 
 
 class Tick(NamedTuple):
-    """A report of a period by its number."""
+    """A report that is identified by the number of its period."""
 
     number: int
     estimate: Optional[str] = None
 
 
 class SimulatedTime:
-    """Time that passes only where a loop sleeps or a test says so."""
+    """Time that advances only when a loop or a test sleeps."""
 
     now = 0.0
 
@@ -32,7 +32,7 @@ class SimulatedTime:
         return self.now
 
     def sleep(self, seconds):
-        """Advance the time, and give way to other threads."""
+        """Advance the time, and yield to other threads."""
         time.sleep(0.0001)
         self.now += seconds
 
@@ -47,7 +47,7 @@ def simulated_time(monkeypatch):
 
 
 class FakeSession:
-    """A session that counts what is asked of it."""
+    """A session that records its calls."""
 
     clock, observer = TIME.clock, SessionObserver()
 
@@ -72,11 +72,11 @@ class FakeSession:
         return self.answer
 
     def report(self, estimate):
-        """Return a report that says in which period it was made; None in the first."""
+        """Return a report with the number of its period; None in the first."""
         return None if len(self.ticks) == 1 else Tick(len(self.ticks), estimate)
 
     def close(self):
-        """Count."""
+        """Count the call."""
         self.closed += 1
 
 
@@ -96,13 +96,13 @@ def test_it_ticks_at_its_rate_and_not_faster():
     assert session.ticks[19] - session.ticks[0] == pytest.approx(19.0 / RATE)
 
 
-def test_each_report_is_handed_on_and_nothing_else():
+def test_each_report_is_published_and_nothing_else():
     session, seen = FakeSession(), []
     run(session, seen.append)
     assert seen[:19] == [Tick(number) for number in range(2, 21)]
 
 
-def test_an_answer_that_is_expected_is_waited_for_until_the_next_period_and_handed_on():
+def test_an_expected_answer_is_awaited_until_the_next_period_and_published():
     session, seen = FakeSession(), []
     session.answer = 'answer'
     session.on_tick = lambda: setattr(session, 'expecting', True)
@@ -111,7 +111,7 @@ def test_an_answer_that_is_expected_is_waited_for_until_the_next_period_and_hand
     assert all(0.0 < timeout < 1.01 / RATE for timeout in session.waits)
 
 
-def test_a_period_has_one_report_but_for_a_measurement_that_comes_late():
+def test_a_period_has_one_report_unless_a_measurement_arrives_late():
     for late in (None, 'late'):
         session, seen = FakeSession(), []
         session.answer, session.estimate = 'answer', late
@@ -128,7 +128,7 @@ def test_without_an_expected_answer_there_is_no_wait():
     assert not session.waits
 
 
-def test_periods_that_were_missed_are_counted_and_not_made_up_for():
+def test_missed_periods_are_counted_and_not_made_up_for():
     session = FakeSession()
     slow = iter([0.1])
     session.on_tick = lambda: TIME.sleep(next(slow, 0.0))
@@ -137,7 +137,7 @@ def test_periods_that_were_missed_are_counted_and_not_made_up_for():
     assert session.ticks[19] - session.ticks[0] == pytest.approx(0.1 + 18.0 / RATE)
 
 
-def test_its_end_closes_the_session_and_a_second_time_does_no_harm():
+def test_end_closes_the_session_and_may_be_called_twice():
     session = FakeSession()
     loop = run(session)
     assert session.closed >= 1 and loop.failure is None
@@ -158,7 +158,7 @@ def test_a_tick_that_hangs_does_not_keep_the_session_open(monkeypatch):
 
 
 @pytest.mark.parametrize('where', ['tick', 'publish'])
-def test_an_error_wherever_it_comes_from_closes_the_session_and_is_kept(where):
+def test_any_error_closes_the_session_and_is_kept(where):
     session, error = FakeSession(), ZeroDivisionError('planted')
 
     def fail(*_):
@@ -170,7 +170,7 @@ def test_an_error_wherever_it_comes_from_closes_the_session_and_is_kept(where):
     assert loop.failure is error and session.closed == 1
 
 
-def test_it_does_not_keep_a_process_alive():
+def test_the_loop_does_not_keep_the_process_alive():
     session = FakeSession()
     loop = Loop(session, RATE, lambda report: None)
     thread, = (each for each in threading.enumerate() if each.name == 'motor loop')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A session keeps the position of its ball, also when the drive is lost."""
+"""A session keeps the position of its ball, even if the drive is configured again."""
 import math
 
 import pytest
@@ -13,23 +13,23 @@ from ballbot_ros.physics import load_robot
 
 
 def take(sensing, time):
-    """Give an answer of a drive whose motor stands."""
+    """Feed an answer of a drive whose motor is at rest."""
     sensing.take(Telemetry(time=time, measured=time, position=0.0))
 
 
-def test_a_ball_that_is_pushed_is_found_where_it_is():
+def test_odometry_follows_a_ball_under_torque():
     robot = VirtualRobot().ready()
     before = robot.plant.state.x
     start = robot.session.odometry.position
     robot.run(2.0, torque=0.5)
     found = robot.session.odometry
-    way = robot.plant.state.x - before
-    assert way > 0.3
-    assert abs(found.position - start - way) < 3.0 * math.sqrt(found.position_variance) < 0.1
+    distance = robot.plant.state.x - before
+    assert distance > 0.3
+    assert abs(found.position - start - distance) < 3.0 * math.sqrt(found.position_variance) < 0.1
     assert found.speed == pytest.approx(robot.plant.state.velocity_x, abs=0.02)
 
 
-def test_speed_is_reported_as_after_the_last_imu_reading_unless_that_is_long_ago():
+def test_speed_is_reported_at_the_last_imu_reading_unless_that_is_stale():
     sensing = Sensing(load_hardware('gimball_odrive'), load_robot('gimball'))
     sensing.begin(10.0)
     for number in range(1, 11):
@@ -47,13 +47,13 @@ def test_speed_is_reported_as_after_the_last_imu_reading_unless_that_is_long_ago
     assert sensing.steady_odometry().stamp == pytest.approx(10.061)
 
 
-def test_without_an_imu_the_newest_is_reported():
+def test_without_an_imu_the_newest_odometry_is_reported():
     robot = VirtualRobot(imu=False).ready()
     robot.run(0.5, torque=0.2)
     assert robot.session.odometry is robot.session.sensing.odometry
 
 
-def test_the_place_survives_a_drive_that_is_configured_again():
+def test_the_position_is_kept_when_the_drive_is_configured_again():
     robot = VirtualRobot().ready()
     robot.run(1.0, torque=0.5)
     before = robot.session.odometry

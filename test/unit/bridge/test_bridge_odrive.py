@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the firmware of an ODrive does by itself, each through a whole session."""
+"""Behaviour of the firmware of an ODrive, each case in a complete session."""
 from dataclasses import replace
 from itertools import product
 import re
@@ -27,14 +27,14 @@ def robot_with(kind, *quirks):
 
 
 def type_lines(robot, *lines):
-    """Do what a person types in a serial terminal while the bridge is off."""
+    """Send lines as from a serial terminal while the bridge is off."""
     for line in lines:
         robot.device.receive(f'{line}\n'.encode(), robot.now)
         robot.pass_time(0.01)
 
 
 def refusal(robot, field):
-    """Return why the drive is refused, for this setting first."""
+    """Return the message that refuses the drive, with `field` as its first setting."""
     with refused('inconsistent', field, ConfigurationError) as caught:
         robot.session.configure()
     assert robot.lines == 0
@@ -52,14 +52,14 @@ def test_a_drive_with_factory_velocity_limits_is_refused_with_the_lines_to_type(
     assert line in refused_with
     type_lines(robot, line)
     robot.ready()
-    for _ in range(3):  # faster than 0.07 m/s, which was its end
+    for _ in range(3):  # faster than 0.07 m/s, the speed at the factory limit
         report = robot.run(0.2, torque=1.5)
     assert robot.plant.state.velocity_x > 0.2
     assert report.state is MotorState.ARMED and not report.e_stop
 
 
 def test_with_factory_limits_a_rolling_ball_would_be_disarmed():
-    # What the check is for: the same drive, its limit set back behind the bridge's back.
+    # The reason for the check: the same drive, with its limit reset after configure.
     robot = VirtualRobot('odrive 0.5').ready()
     robot.device.properties[CONTROLLER + 'vel_limit'] = 2.0
     report = robot.run(1.0, torque=1.5)
@@ -69,18 +69,18 @@ def test_with_factory_limits_a_rolling_ball_would_be_disarmed():
 
 
 @both
-def test_a_drive_that_may_not_feed_its_supply_is_refused_and_set_right_by_the_remedy(kind):
+def test_a_drive_without_regeneration_is_refused_and_the_remedy_corrects_it(kind):
     robot = robot_with(kind, 'regeneration')
     type_lines(robot, *re.findall(
         r'w config\.dc_max_negative_current -[\d.]+', refusal(robot, 'braking')))
     assert robot.ready().run(0.2, torque=0.5).state is MotorState.ARMED
 
 
-def test_a_drive_from_the_factory_drives_after_each_remedy_was_typed():
+def test_a_drive_with_factory_settings_works_after_all_remedies():
     robot = robot_with('odrive 0.5', 'factory')
     refused_with = refusal(robot, 'torque limit')
     lines = re.findall(r'w [\w.]+ [-+\w.]+', refused_with)
-    calibration = 'w axis0.requested_state 3'  # before a watchdog that is not fed
+    calibration = 'w axis0.requested_state 3'  # before the watchdog, which is not fed yet
     lines.remove(calibration)
     lines.remove('w axis0.config.enable_watchdog 0')
     type_lines(robot, calibration)
@@ -92,7 +92,7 @@ def test_a_drive_from_the_factory_drives_after_each_remedy_was_typed():
 
 # Firmware
 
-def test_old_firmware_is_refused_by_its_name():
+def test_old_firmware_is_refused_with_its_version():
     robot = VirtualRobot('odrive 0.5')
     robot.device.properties['fw_version_revision'] = 3
     with refused('firmware', 'firmware', DriveError) as caught:
@@ -101,7 +101,7 @@ def test_old_firmware_is_refused_by_its_name():
     assert robot.lines == 0
 
 
-def test_0_5_4_says_what_disarmed_it_though_it_cuts_the_number():
+def test_0_5_4_reports_the_cause_of_a_disarm_although_it_truncates_the_number():
     robot = robot_with('odrive 0.5', '0.5.4').ready()
     robot.device.properties[CONTROLLER + 'vel_limit'] = 2.0
     report = robot.run(1.0, torque=1.5)
@@ -114,7 +114,7 @@ def test_0_5_4_says_what_disarmed_it_though_it_cuts_the_number():
 @pytest.mark.parametrize('kind, phase', [
     *pairs(KINDS, [0.002 * number for number in range(0, 66, 9)]),
     *slow(*product(KINDS, (0.002 * number for number in range(0, 66, 3) if number % 9)))])
-def test_a_watchdog_that_expired_is_named_before_any_next_request(kind, phase):
+def test_an_expired_watchdog_is_named_before_the_next_request(kind, phase):
     robot = VirtualRobot(kind).ready()
     robot.run(0.1 + phase, torque=0.1)
     robot.pass_time(0.15)  # the computer stalls
@@ -124,7 +124,7 @@ def test_a_watchdog_that_expired_is_named_before_any_next_request(kind, phase):
     assert report.state is MotorState.DISARMED
 
 
-# Cleared
+# Clearing of faults
 
 def tripped(kind):
     """Return a robot whose drive has disarmed the motor."""
@@ -148,7 +148,7 @@ def test_faults_are_cleared_on_request_and_the_motor_stays_without_power(kind):
 
 
 @both
-def test_faults_that_are_there_again_are_named(kind):
+def test_clearing_of_recurring_faults_is_refused(kind):
     robot = tripped(kind)
     robot.temperature = 200.0
     robot.pass_time(0.01)
@@ -156,7 +156,7 @@ def test_faults_that_are_there_again_are_named(kind):
         robot.session.clear_faults()
 
 
-def test_faults_are_not_cleared_where_the_motor_could_turn():
+def test_faults_are_not_cleared_while_the_motor_could_turn():
     robot = VirtualRobot()
     with refused('missing', 'drive', RefusedError):
         robot.session.clear_faults()
@@ -177,7 +177,7 @@ def test_faults_are_not_cleared_where_the_motor_could_turn():
 @pytest.mark.parametrize('error', [
     DriveError('not from here', 'not_clearable', 'drive'),
     LinkError('the cable is out', 'gone', 'port')])
-def test_why_faults_cannot_be_cleared_is_reported(monkeypatch, error):
+def test_the_reason_why_faults_cannot_be_cleared_is_reported(monkeypatch, error):
     robot = tripped('odrive 0.5')
 
     def refuse(self, timeout):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws in the loop: each estimate is answered immediately, and every end is an end of torque."""
+"""Control laws on board: each estimate is answered immediately, and every end ends the torque."""
 import math
 
 import pytest
@@ -30,7 +30,7 @@ def test_a_set_point_moves_the_pendulum_there(protocol):
     assert report.commanded and report.set_point.value == 0.5
 
 
-def test_the_torque_of_an_estimate_goes_out_before_the_next_question():
+def test_the_torque_of_an_estimate_is_sent_before_the_next_request():
     robot = ready()
     robot.loop(0.1, UP)
     sent = []
@@ -39,14 +39,14 @@ def test_the_torque_of_an_estimate_goes_out_before_the_next_question():
         sent.append((torque, ask)), send(torque, ask))
     for _ in range(20):
         robot.session.tick()
-        assert not sent  # the tick only asks
+        assert not sent  # the tick sends only a request
         report = robot.session.report(robot.session.await_answer(STEP))
         [(torque, ask)] = sent
         assert not ask and torque * GEAR == pytest.approx(report.torque)
         sent.clear()
 
 
-def test_its_torque_is_that_of_the_controller_for_the_very_estimate():
+def test_the_torque_is_that_of_the_controller_for_the_same_estimate():
     robot = ready(torque_rate_limit=1e6)
     other = PendulumController(load_robot('gimball'), load_tuning('gentle'))
     robot.loop(0.2, UP)
@@ -54,11 +54,11 @@ def test_its_torque_is_that_of_the_controller_for_the_very_estimate():
     for _ in range(50):
         report = robot.loop(STEP, UP)
         torque = other.torque(report.estimate.readings, report.torque)
-    # The other took over later; its difference has faded.
+    # The other controller started later; the difference has decayed.
     assert report.torque == pytest.approx(torque, abs=1e-9)
 
 
-def test_under_power_it_is_idle_until_a_set_point_comes():
+def test_an_armed_robot_is_idle_until_the_first_set_point():
     robot = VirtualRobot(onboard='gentle')
     robot.session.configure()
     robot.loop(0.1)
@@ -74,7 +74,7 @@ def test_under_power_it_is_idle_until_a_set_point_comes():
     (UP, 'set_point', '0.5 rad', '/planner'),
     (SetPoint(Mode.DRIVE, -2.0), 'set_point', '-2 rad/s', '/planner'),
     (SetPoint(Mode.SPEED, 0.3), 'cmd_vel', '0.3 m/s', '/teleop')])
-def test_a_release_while_motion_is_asked_for_is_refused_with_what_and_who(law, topic, value, node):
+def test_a_refused_release_names_the_request_for_motion_and_its_sender(law, topic, value, node):
     robot = ready()
     robot.session.engage('button')
     for _ in range(10):
@@ -103,7 +103,7 @@ def test_the_e_stop_ends_the_torque_and_the_set_point():
     assert report.state is MotorState.ARMED and report.set_point.mode is Mode.IDLE
 
 
-def test_an_unfollowed_command_of_a_sender_also_inhibits_the_release():
+def test_a_request_that_is_not_followed_also_inhibits_the_release():
     robot = ready()
     robot.session.engage('button')
     robot.loop(0.6)
@@ -115,7 +115,7 @@ def test_an_unfollowed_command_of_a_sender_also_inhibits_the_release():
     robot.session.release()
 
 
-def test_set_points_that_end_let_the_pendulum_down_and_then_go_from_it():
+def test_the_pendulum_is_lowered_and_then_released_when_set_points_end():
     robot = ready(damping_time=0.4)
     robot.loop(0.3, UP)
     assert robot.loop(0.45).commanded
@@ -128,7 +128,7 @@ def test_set_points_that_end_let_the_pendulum_down_and_then_go_from_it():
 
 
 @pytest.mark.parametrize('delay', [*slow(0.05), 0.5])
-def test_a_late_loop_prolongs_the_let_down_by_the_watchdog_of_the_drive_at_most(delay):
+def test_a_late_loop_prolongs_the_lowering_by_at_most_the_watchdog_of_the_drive(delay):
     robot = ready(damping_time=0.4)
     robot.loop(0.3, UP)
     last, before = robot.now, len(robot.torques)
@@ -142,11 +142,11 @@ def test_a_late_loop_prolongs_the_let_down_by_the_watchdog_of_the_drive_at_most(
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
-def test_estimates_that_end_take_the_torque_away_within_the_command_timeout(protocol):
+def test_the_torque_ends_within_the_command_timeout_when_estimates_end(protocol):
     robot = ready(protocol)
     robot.loop(0.2, UP)
     assert robot.motor != 0.0
-    # The drive goes on to take torques and answers no question for positions.
+    # The drive still accepts torques but does not answer requests for positions.
     robot.session.line.driver._requests = lambda: b''
     start = robot.now
     while robot.motor != 0.0:
@@ -165,7 +165,7 @@ def test_commands_are_refused_on_board_and_set_points_in_direct_control_with_the
         VirtualRobot().ready().session.give(UP)
 
 
-def test_a_set_point_from_the_future_is_followed_no_longer_than_one_of_now():
+def test_a_set_point_from_the_future_is_followed_no_longer_than_a_current_one():
     robot = ready()
     robot.session.give(SetPoint(Mode.HOLD, 0.5, robot.now + 0.04))
     assert robot.session.law.set_point.stamp == robot.now
@@ -182,13 +182,13 @@ def test_laws_take_over_from_each_other_without_a_jump():
         before = robot.session.supervisor.torque
         robot.session.give(law)
         after = robot.loop(STEP).torque
-        # What the pendulum has moved in a period, at the gains of the tuning.
+        # The effect of the motion in one period at the gains of the tuning.
         assert abs(after - before) < 0.15
         robot.loop(0.3, law)
 
 
 @pytest.mark.slow
-def test_laws_on_board_take_the_ball_over_a_step():
+def test_the_ball_crosses_a_step_with_laws_on_board():
     robot = ready(terrain=[{'flat': {'length': 1.426}}, {'step': {'height': 0.031}},
                            {'flat': {'length': 3.0}}])
     wanted, last = SetPoint(Mode.HOLD, 0.45), robot.now + 6.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A drive that keeps its own limit where the file or a calibration asks for less."""
+"""A drive may keep its own limit if the file or a calibration requires less."""
 from dataclasses import replace
 
 import pytest
@@ -20,7 +20,7 @@ def with_drive_as_shipped(protocol, torque=TORQUE, **limits):
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
-def test_after_a_calibration_the_drive_that_it_was_made_with_is_accepted(protocol):
+def test_a_drive_is_still_accepted_after_its_calibration(protocol):
     robot = with_drive_as_shipped(protocol)
     robot.hardware = replace(robot.hardware, joint=replace(
         robot.hardware.joint, torque_factor=1.2))
@@ -29,7 +29,7 @@ def test_after_a_calibration_the_drive_that_it_was_made_with_is_accepted(protoco
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
-def test_a_small_torque_limit_needs_no_other_drive_and_is_never_exceeded(protocol):
+def test_a_small_torque_limit_needs_no_change_of_the_drive_and_is_never_exceeded(protocol):
     robot = with_drive_as_shipped(protocol, torque_limit=0.3).ready()
     robot.torques.clear()
     robot.run(0.3, torque=2.0)
@@ -37,7 +37,7 @@ def test_a_small_torque_limit_needs_no_other_drive_and_is_never_exceeded(protoco
         0.3 / 45.0, rel=0.1 if protocol == 'roboclaw' else 0.02)
 
 
-def test_a_drive_that_lets_more_through_than_the_file_says_is_refused():
+def test_a_drive_with_a_higher_limit_than_the_file_is_refused():
     with refused('inconsistent', 'torque limit', ConfigurationError):
         with_drive_as_shipped('odrive 0.5', 1.05 * TORQUE).session.configure()
     with refused('inconsistent', 'torque limit', ConfigurationError):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When torques, stops and attempts to arm go out."""
+"""Timing of torques, stops and attempts to arm."""
 import pytest
 
 from ballbot_ros.bridge.drive_control import Pacer, TORQUE_INTERVAL_MAX
@@ -15,7 +15,7 @@ def test_the_first_torque_is_due_immediately():
     assert NEW.is_torque_due(0.0) and NEW.has_room(0.0)
 
 
-def test_torque_is_repeated_after_one_and_a_half_periods_and_then_in_each():
+def test_torque_is_repeated_after_one_and_a_half_periods_and_then_every_period():
     sent = NEW.commanded().sent_torque(10.0)
     assert not sent.is_torque_due(10.0 + PERIOD)
     assert sent.is_torque_due(10.0 + 1.51 * PERIOD)
@@ -24,19 +24,19 @@ def test_torque_is_repeated_after_one_and_a_half_periods_and_then_in_each():
     assert repeated.sent_torque(10.1).is_torque_due(10.1)
 
 
-def test_a_command_ends_the_repeating():
+def test_a_command_ends_the_repetition():
     repeated = NEW.sent_torque(10.0).commanded().sent_torque(10.0 + PERIOD)
     assert not repeated.is_torque_due(10.0 + 2.0 * PERIOD)
 
 
-def test_a_command_that_found_no_room_is_due_with_the_next_tick_and_goes_out_once():
+def test_a_command_that_has_to_wait_is_due_at_the_next_tick_and_is_sent_once():
     sent = NEW.commanded().sent_torque(10.0)
     waiting = sent.commanded()
     assert waiting.is_torque_due(10.0)
     assert not waiting.sent_torque(10.0).is_torque_due(10.0 + PERIOD)
 
 
-def test_two_torques_go_out_in_a_short_time_and_one_per_period_on_average():
+def test_a_burst_has_two_torques_and_the_average_is_one_per_period():
     pacer, sent = NEW, []
     for number in range(1000):
         now = 10.0 + 0.1 * number * PERIOD
@@ -47,14 +47,14 @@ def test_two_torques_go_out_in_a_short_time_and_one_per_period_on_average():
     assert sum(now < 10.0 + 0.49 * PERIOD for now in sent) == 2  # and not three
 
 
-def test_each_may_go_out_from_the_moment_that_it_may():
+def test_torques_are_due_exactly_when_their_interval_ends():
     sent = Pacer(1.0).commanded().sent_torque(10.0)
     assert sent.is_torque_due(11.5) and not sent.is_torque_due(11.49)
     again = sent.commanded().sent_torque(10.0)
     assert again.has_room(10.5) and not again.has_room(10.49)
 
 
-def test_a_share_of_the_line_that_was_not_used_is_not_saved_up():
+def test_unused_capacity_of_the_line_is_not_saved_up():
     later = NEW.commanded().sent_torque(10.0).commanded().sent_torque(20.0)
     assert later.has_room(20.0) and not later.commanded().sent_torque(20.0).has_room(20.0)
 
@@ -75,7 +75,7 @@ def test_a_stop_is_repeated_at_its_period():
     assert not sent.is_stop_due(0.99 * STOP_PERIOD) and sent.is_stop_due(STOP_PERIOD)
 
 
-def test_a_stop_outdates_a_command_that_waited():
+def test_a_stop_cancels_a_waiting_command():
     sent = NEW.commanded().sent_torque(10.0).commanded()
     assert not sent.sent_stop(10.0).is_torque_due(10.0)
 
@@ -88,7 +88,7 @@ def test_arming_is_tried_immediately_and_after_a_failure_three_tenths_of_a_secon
 
 # Trips ------------------------------------------------------------------------------------
 
-def test_a_drive_that_trips_each_time_is_armed_again_after_ever_longer_pauses():
+def test_a_drive_that_trips_each_time_is_armed_again_after_increasing_pauses():
     pacer, now, pauses = NEW, 100.0, []
     for _ in range(9):
         tripped = pacer.tripped(now + 0.5, since=now)
@@ -97,5 +97,5 @@ def test_a_drive_that_trips_each_time_is_armed_again_after_ever_longer_pauses():
         pacer, now = tripped, tripped.next_arm
     assert pauses == pytest.approx([0.3, 0.6, 1.2, 2.4, 4.8, 9.6, 19.2, 20.0, 20.0])
     assert pacer.sent_torque(now).commanded().pause == pacer.pause
-    # One that has held for long trips for another reason.
+    # A trip after a long time under power has another cause.
     assert pacer.tripped(now + 60.0, since=now).next_arm == pytest.approx(now + 60.3)

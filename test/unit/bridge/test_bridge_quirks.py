@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What firmwares do that a bridge must not stumble over, each through a whole session."""
+"""Quirks of drive firmware that the bridge must handle, each in a complete session."""
 from dataclasses import replace
 import math
 
@@ -23,7 +23,7 @@ def with_quirks(protocol, *quirks):
 @pytest.mark.parametrize('idle', [
     *slow(*(0.102 + 0.004 * number for number in range(12))),
     *(0.1 + 0.004 * number for number in range(13))])
-def test_a_vesc_that_idled_is_released_whenever_its_thread_looks(idle):
+def test_a_vesc_is_armed_after_any_idle_time(idle):
     robot = VirtualRobot('vesc')
     robot.session.configure()
     robot.run(idle)
@@ -35,7 +35,7 @@ def test_a_vesc_that_idled_is_released_whenever_its_thread_looks(idle):
 
 
 @pytest.mark.slow
-def test_a_vesc_whose_kill_switch_is_pulled_has_no_torque_and_gets_none_by_itself():
+def test_the_kill_switch_of_a_vesc_ends_the_torque_until_the_next_release():
     robot = with_quirks('vesc', 'kill_switch').ready()
     robot.run(0.1, torque=0.5)
     assert robot.motor > 0.0
@@ -54,7 +54,7 @@ def test_a_vesc_whose_kill_switch_is_pulled_has_no_torque_and_gets_none_by_itsel
     assert robot.motor > 0.0
 
 
-def test_a_vesc_with_old_firmware_is_refused_by_its_name():
+def test_a_vesc_with_old_firmware_is_refused_with_its_version():
     robot = VirtualRobot('vesc')
     robot.device.version = (5, 2)
     with refused('firmware', 'firmware', DriveError) as caught:
@@ -63,20 +63,20 @@ def test_a_vesc_with_old_firmware_is_refused_by_its_name():
     assert robot.lines == 0
 
 
-def test_a_vesc_that_may_not_feed_back_would_not_brake_and_is_refused():
+def test_a_vesc_without_regeneration_is_refused():
     robot = with_quirks('vesc', 'regen_limit')
     with refused('inconsistent', 'braking power', ConfigurationError):
         robot.session.configure()
 
 
 @pytest.mark.parametrize('firmware', ['5.03', '6.02', '6.05', '7.01'])
-def test_each_firmware_of_a_vesc_is_driven(firmware):
+def test_each_supported_firmware_of_a_vesc_works(firmware):
     robot = VirtualRobot(f'vesc {firmware}').ready()
     robot.run(0.1, torque=0.9)
     assert robot.motor == pytest.approx(0.9 / (50.0 * 0.9), rel=0.01)
 
 
-def test_a_vesc_that_grows_hot_warns_and_goes_on():
+def test_a_hot_vesc_warns_and_stays_armed():
     robot = VirtualRobot('vesc').ready()
     robot.temperature = 88.0
     report = robot.run(0.1, torque=0.5)
@@ -88,7 +88,7 @@ def test_a_vesc_that_grows_hot_warns_and_goes_on():
 
 @pytest.mark.parametrize('bus_voltage, temperature, warning', [
     (24.0, 90.0, 'TEMPERATURE_WARNING'), (9.5, 35.0, 'MAIN_VOLTAGE_LOW_WARNING')])
-def test_a_roboclaw_that_warns_is_reported_and_goes_on(bus_voltage, temperature, warning):
+def test_a_roboclaw_warning_is_reported_without_a_stop(bus_voltage, temperature, warning):
     robot = VirtualRobot('roboclaw').ready()
     robot.bus_voltage, robot.temperature = bus_voltage, temperature
     report = robot.run(0.2, torque=0.3)
@@ -98,7 +98,7 @@ def test_a_roboclaw_that_warns_is_reported_and_goes_on(bus_voltage, temperature,
     assert robot.run(0.2, torque=0.3).telemetry.warnings == () and robot.motor > 0.0
 
 
-def test_a_roboclaw_whose_e_stop_is_pressed_names_it():
+def test_the_e_stop_input_of_a_roboclaw_is_named():
     robot = VirtualRobot('roboclaw').ready()
     robot.run(0.1, torque=0.5)
     assert robot.motor > 0.0
@@ -123,7 +123,7 @@ def test_the_serial_timeout_of_a_roboclaw_is_set_at_every_start():
     assert robot.motor == 0.0 and robot.device._timeout == 1
     robot.device.reboot(robot.now)
     robot.run(1.5, torque=0.0)
-    assert robot.session.line.reconnects == 0  # too short to look for it again
+    assert robot.session.line.reconnects == 0  # too short for a reconnection
     robot.session.release()
     robot.run(0.1)
     assert robot.session.control.power.state is MotorState.ARMED and robot.device._timeout == 1
@@ -139,7 +139,7 @@ def test_a_roboclaw_without_a_serial_timeout_is_refused():
 
 @pytest.mark.parametrize('protocol', ['odrive 0.5', *slow('vesc', 'roboclaw')])
 @pytest.mark.parametrize('turns', [2.0, -2.0])
-def test_a_jump_of_two_turns_is_reported_and_the_angle_stays_right(protocol, turns, caplog):
+def test_a_jump_of_two_turns_is_reported_and_the_angle_stays_correct(protocol, turns, caplog):
     robot = VirtualRobot(protocol).ready()
     robot.run(0.3, torque=0.8)
     robot.encoder_jump = turns * math.tau
@@ -156,25 +156,25 @@ def test_a_jump_of_two_turns_is_reported_and_the_angle_stays_right(protocol, tur
         'its zero was shifted by the same angle']
 
 
-def test_an_encoder_that_goes_on_jumping_takes_the_torque_away_and_then_the_power():
+def test_repeated_encoder_jumps_end_the_torque_and_then_disarm_the_motor():
     robot = VirtualRobot('vesc').ready()
     robot.run(0.3, torque=0.8)
-    begin, off = robot.now, math.inf
-    while robot.now - begin < 0.15:
+    start, off = robot.now, math.inf
+    while robot.now - start < 0.15:
         robot.encoder_jump = -robot.encoder_jump or 4.0 * math.tau
         report = robot.run(STEP, torque=0.8)
-        off = min(off, robot.now - begin) if robot.motor == 0.0 else math.inf
+        off = min(off, robot.now - start) if robot.motor == 0.0 else math.inf
     assert off <= 0.03
     assert report.e_stop.reason is StopReason.ENCODER_JUMPS
     assert report.state is not MotorState.ARMED
 
 
 @pytest.mark.parametrize('protocol', ['vesc', *slow('roboclaw')])
-def test_a_drive_that_restarted_counts_from_another_zero_and_the_angle_stays_right(protocol):
+def test_the_angle_stays_correct_when_a_restarted_drive_has_another_zero(protocol):
     robot = VirtualRobot(protocol, rearm=True).ready()
     robot.run(0.22, torque=0.8)
     joint = robot.plant.state.joint_angle
-    assert 0.2 < abs(joint) < 0.5  # less than half a radian, and not nothing
+    assert 0.2 < abs(joint) < 0.5  # less than half a radian, but not zero
     robot.device.reboot(robot.now)
     for _ in range(500):
         report = robot.run(STEP, torque=0.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A loop gets the processor that it asks for, or the node says why not and what to do."""
+"""The loop gets the scheduling that it requests, or an error names the cause and the remedy."""
 import os
 from pathlib import Path
 import re
@@ -15,7 +15,7 @@ from ballbot_ros.bridge import realtime
 from ballbot_ros.bridge.realtime import Scheduling
 from ballbot_ros.errors import ConfigurationError
 
-# In a process of its own: what is prepared stays with all threads.
+# In a separate process, because the preparation affects all threads.
 PREPARED = """
 import os, threading, time
 from ballbot_ros.bridge.realtime import NAME, Scheduling
@@ -56,7 +56,7 @@ ending.set()
 assert not failed
 """
 
-# The same system, and a user who may do nothing of it.
+# The same system, with a user who has none of the permissions.
 REFUSED = """
 import os, resource, sys
 from ballbot_ros.bridge.realtime import Scheduling
@@ -72,7 +72,7 @@ assert os.sched_getscheduler(0) == os.SCHED_OTHER
 
 
 @pytest.mark.parametrize('permitted', [True, False])
-def test_the_default_is_a_priority_where_the_system_permits_it(permitted, monkeypatch, caplog):
+def test_the_default_is_a_priority_if_the_system_permits_it(permitted, monkeypatch, caplog):
     given = []
     monkeypatch.setattr(realtime, 'permits', lambda priority: permitted)
     monkeypatch.setattr(realtime, '_set_priority', lambda thread, priority: given.append(priority))
@@ -97,7 +97,7 @@ def run(program):
 
 
 @pytest.mark.skipif(not may_use_realtime(), reason='this user may not have real-time priority')
-def test_the_loop_goes_first_the_other_threads_second_and_memory_stays():
+def test_the_loop_has_the_highest_priority_and_memory_is_locked():
     run(PREPARED)
 
 
@@ -112,26 +112,26 @@ def test_unavailable_scheduling_is_refused_with_the_remedy(asked, words):
     assert text.startswith('ConfigurationError') and all(word in text for word in words), text
 
 
-def test_a_processor_that_is_not_there_is_refused_and_those_that_are_are_named():
+def test_an_unavailable_processor_is_refused_and_the_available_ones_are_named():
     with refused('unavailable', 'cpu', ConfigurationError) as raised:
         Scheduling(cpu=1023).prepared()
     assert re.search(rf'process, only .*\b{min(os.sched_getaffinity(0))}\b', str(raised.value))
 
 
-def test_a_limit_on_locked_memory_counts_only_where_it_binds(monkeypatch):
+def test_a_limit_on_locked_memory_counts_only_without_permission(monkeypatch):
     calls = []
 
     class Kernel:
-        """Locks everything."""
+        """A kernel that locks all memory."""
 
         @staticmethod
         def mlockall(flags):
             calls.append(flags)
             return 0
 
-    def locked(most, may):
-        monkeypatch.setattr(resource, 'getrlimit', lambda _: (most, most))
-        monkeypatch.setattr(realtime, '_may_lock', lambda: may)
+    def locked(limit, permitted):
+        monkeypatch.setattr(resource, 'getrlimit', lambda _: (limit, limit))
+        monkeypatch.setattr(realtime, '_may_lock', lambda: permitted)
         monkeypatch.setattr(realtime, '_libc', Kernel)
         calls.clear()
         try:
@@ -139,14 +139,14 @@ def test_a_limit_on_locked_memory_counts_only_where_it_binds(monkeypatch):
         except ConfigurationError:
             assert not calls
         return bool(calls)
-    assert locked(resource.RLIM_INFINITY, may=False) and locked(65536, may=True)
-    assert not locked(65536, may=False)
+    assert locked(resource.RLIM_INFINITY, permitted=False) and locked(65536, permitted=True)
+    assert not locked(65536, permitted=False)
 
 
-def test_nothing_is_asked_for_by_default(monkeypatch, caplog):
+def test_nothing_is_requested_by_default(monkeypatch, caplog):
     caplog.set_level('INFO')
     for name in ('sched_setscheduler', 'sched_setaffinity'):
-        monkeypatch.setattr(os, name, lambda *_: pytest.fail('asked for'))
+        monkeypatch.setattr(os, name, lambda *_: pytest.fail('requested'))
     names = []
 
     def loop():
@@ -158,7 +158,7 @@ def test_nothing_is_asked_for_by_default(monkeypatch, caplog):
     assert names == [realtime.NAME] and not caplog.records
 
 
-def test_it_is_said_how_the_loop_runs():
+def test_the_scheduling_is_described_in_words():
     assert Scheduling(20, 1, True).in_words == (
         'with real-time priority 20, on processor 1, its memory locked')
     assert Scheduling(cpu=0).in_words == (

@@ -15,7 +15,7 @@ ROBOT = load_robot('gimball')
 
 
 def sensing(imu_required=False, encoder_zero=None):
-    """Return a sensing that begins at 10 s."""
+    """Return a `Sensing` that starts at 10 s."""
     hardware = load_hardware('gimball_odrive')
     found = Sensing(replace(
         hardware, joint=replace(hardware.joint, encoder_zero=encoder_zero),
@@ -25,12 +25,12 @@ def sensing(imu_required=False, encoder_zero=None):
 
 
 def take(found, time, position=0.0, measured=None):
-    """Give an answer of the drive, measured by default when it comes."""
+    """Feed an answer of the drive, by default measured on arrival."""
     return found.take(Telemetry(
         time=time, measured=time if measured is None else measured, position=position))
 
 
-def test_the_joint_turns_as_the_gear_says():
+def test_the_joint_angle_follows_from_the_gear_ratio():
     found = sensing()
     first = take(found, 10.01)
     later = take(found, 10.012, 0.05 * 50.0)
@@ -38,16 +38,16 @@ def test_the_joint_turns_as_the_gear_says():
     assert 0.0 < later.readings.joint_angle - first.readings.joint_angle <= 0.05
 
 
-def test_an_estimate_is_of_the_time_when_the_drive_measured_however_late_that_is_read():
+def test_an_estimate_has_the_time_of_measurement_however_late_it_is_read():
     found = sensing()
     found.ask(10.1)
     assert take(found, 10.101, measured=10.1).stamp == 10.1
     found.ask(10.102)
     assert take(found, 10.132, measured=10.102).stamp == 10.102
-    assert take(found, 10.133, measured=10.101).stamp == 10.102  # never back
+    assert take(found, 10.133, measured=10.101).stamp == 10.102  # never earlier
 
 
-def test_an_answer_without_a_time_of_measurement_is_an_answer_only():
+def test_an_answer_without_a_time_of_measurement_gives_no_estimate():
     found = sensing()
     found.ask(10.1)
     assert found.take(Telemetry(time=10.101, position=1.0)) is None
@@ -63,7 +63,7 @@ def test_an_old_measurement_is_not_returned():
     assert take(found, 10.1) is not None and take(found, 10.1) is None
 
 
-def test_an_answer_is_expected_from_the_question_until_it_comes():
+def test_an_answer_is_expected_from_the_request_until_it_arrives():
     found = sensing()
     assert not found.expecting
     found.ask(10.1)
@@ -77,11 +77,11 @@ def test_an_answer_is_expected_from_the_question_until_it_comes():
     assert not found.expecting
 
 
-def test_a_drive_that_was_never_asked_owes_no_answer():
+def test_without_a_request_no_answer_is_overdue():
     assert Sensing(load_hardware('gimball_odrive'), ROBOT).silence(20.0) == 0.0
 
 
-def test_silence_counts_from_the_first_question_without_an_answer():
+def test_silence_counts_from_the_first_unanswered_request():
     found = sensing()
     assert found.silence(20.0) == 0.0
     found.ask(20.0)
@@ -95,7 +95,7 @@ def test_silence_counts_from_the_first_question_without_an_answer():
     assert found.silence(30.01) == pytest.approx(0.01)
 
 
-def test_the_motion_is_known_from_the_first_measurement_until_a_silence():
+def test_the_motion_is_available_from_the_first_measurement_until_it_is_stale():
     found = sensing()
     assert found.motion(10.0) is None
     estimate = take(found, 10.5)
@@ -105,16 +105,16 @@ def test_the_motion_is_known_from_the_first_measurement_until_a_silence():
     assert found.motion(10.5 + MEASUREMENT_AGE_MAX + 1e-9) is None
 
 
-def test_of_a_drive_that_was_found_again_the_motion_is_known_once_it_was_measured():
+def test_after_a_reconnection_the_motion_is_available_from_the_first_measurement():
     found = sensing()
     take(found, 10.5)
     found.begin(30.0)
-    assert found.motion(30.05) is None  # it is of twenty seconds ago
+    assert found.motion(30.05) is None  # the estimate is twenty seconds old
     take(found, 30.05)
     assert found.motion(30.05) is not None
 
 
-def test_where_an_imu_is_required_nothing_is_known_without():
+def test_without_a_required_imu_the_motion_is_unavailable():
     found = sensing(imu_required=True)
     take(found, 10.5)
     assert found.needs_imu(10.5) and found.motion(10.5) is None
@@ -124,7 +124,7 @@ def test_where_an_imu_is_required_nothing_is_known_without():
     assert not sensing().needs_imu(10.5)
 
 
-def test_an_encoder_that_remembers_its_zero_gives_the_joint_angle_with_an_imu_only():
+def test_a_stored_encoder_zero_gives_the_joint_angle_only_with_an_imu():
     for zero, imu, expected in ((0.2, True, 0.3), (None, True, 0.0), (0.2, False, 0.0)):
         found = sensing(encoder_zero=zero)
         if imu:

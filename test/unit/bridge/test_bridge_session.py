@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A motor that is stopped however things end, and the torque of the emulated one to prove it."""
+"""The motor is stopped in every case, as shown by the torque of the emulated motor."""
 from dataclasses import replace
 import math
 
@@ -26,12 +26,12 @@ PROTOCOLS = [*slow(ALL[0]), *ALL[1:3], *slow(ALL[3]), *ALL[4:]]
 def test_a_command_reaches_the_motor_as_torque_at_the_pendulum(protocol):
     robot = VirtualRobot(protocol).ready()
     robot.run(0.1, torque=0.9)
-    # A RoboClaw makes a voltage: its torque is computed from a speed that is a period old.
+    # A RoboClaw applies a voltage: its torque is computed from a speed that is a period old.
     assert robot.motor == pytest.approx(
         0.9 / (50.0 * 0.9), rel=0.03 if protocol == 'roboclaw' else 0.01)
 
 
-def test_the_estimate_follows_the_true_pendulum_through_the_wire():
+def test_the_estimate_follows_the_true_pendulum_over_the_line():
     robot = VirtualRobot().ready()
     for _ in range(300):
         report = robot.run(STEP, torque=0.8)
@@ -43,7 +43,7 @@ def test_the_estimate_follows_the_true_pendulum_through_the_wire():
 
 @pytest.mark.slow
 @pytest.mark.parametrize('kind', ['odrive 0.5', 'odrive 0.6'])
-def test_bridge_and_controller_take_the_ball_over_a_step(kind):
+def test_the_ball_crosses_a_step_with_bridge_and_controller(kind):
     robot = VirtualRobot(kind, terrain=[{'flat': {'length': 1.426}}, {'step': {'height': 0.031}},
                                         {'flat': {'length': 3.0}}]).ready()
     controller = PendulumController(load_robot('gimball'), load_tuning('gentle'))
@@ -60,7 +60,7 @@ def test_bridge_and_controller_take_the_ball_over_a_step(kind):
     assert robot.session.control.counts['links_lost'] == 0
 
 
-def test_a_joint_of_the_other_direction_gives_the_same_pendulum():
+def test_a_joint_of_opposite_direction_gives_the_same_motion():
     angles = []
     for direction in (1, -1):
         robot = VirtualRobot()
@@ -86,7 +86,7 @@ def test_configure_stops_a_motor_that_was_left_turning():
     ({'watchdog': 0.0}, 'watchdog', 'w axis0.config.enable_watchdog 1'),
     ({'watchdog': 1.0}, 'watchdog', 'w axis0.config.watchdog_timeout 0.1'),
     ({'torque_limit': 0.5}, 'torque limit', 'w axis0.motor.config.torque_lim 0.0888889')])
-def test_a_drive_that_is_not_set_safely_is_refused_with_what_to_type(settings, field, command):
+def test_a_drive_with_unsafe_settings_is_refused_with_the_remedy(settings, field, command):
     robot = VirtualRobot(settings=DriveSettings(**{'torque_limit': 0.08, **settings}))
     with refused('inconsistent', field, ConfigurationError) as caught:
         robot.session.configure()
@@ -124,7 +124,7 @@ def test_the_e_stop_is_not_released_before_the_bridge_is_active():
         robot.session.release()
 
 
-def test_without_an_imu_there_is_no_torque_unless_the_file_says_so():
+def test_without_an_imu_there_is_no_torque_unless_the_file_allows_it():
     robot = VirtualRobot()
     robot._imu = None
     robot.session.configure()
@@ -138,7 +138,7 @@ def test_without_an_imu_there_is_no_torque_unless_the_file_says_so():
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
-def test_the_answer_to_the_question_of_a_period_arrives_within_it(protocol):
+def test_the_answer_arrives_within_the_period_of_its_request(protocol):
     robot = VirtualRobot(protocol).ready()
     robot.pass_time(STEP)
     for _ in range(100):
@@ -152,7 +152,7 @@ def test_the_answer_to_the_question_of_a_period_arrives_within_it(protocol):
     assert robot.motor == pytest.approx(0.5 / (50.0 * 0.9), rel=0.05)
 
 
-def test_a_bridge_that_was_held_up_does_not_take_the_drive_for_silent():
+def test_a_delay_of_the_bridge_does_not_count_as_silence_of_the_drive():
     robot = VirtualRobot().ready()
     robot.session.tick()
     robot.session.await_answer(STEP)
@@ -163,7 +163,7 @@ def test_a_bridge_that_was_held_up_does_not_take_the_drive_for_silent():
 
 @pytest.mark.parametrize('error', [
     LinkError('planted', 'gone', 'port'), DriveError('planted', 'odd', 'drive')])
-def test_a_command_that_cannot_be_sent_is_a_lost_line_and_no_error_of_who_gave_it(error):
+def test_a_command_that_cannot_be_sent_is_a_lost_line_and_no_error_of_its_caller(error):
     robot = VirtualRobot().ready()
     robot.run(0.1, torque=0.5)
 
@@ -171,13 +171,13 @@ def test_a_command_that_cannot_be_sent_is_a_lost_line_and_no_error_of_who_gave_i
         raise error
     robot.session.line.driver.send_torque = fail
     robot.pass_time(STEP)
-    robot.session.tick()  # which only asks
+    robot.session.tick()  # sends only a request
     robot.session.command(0.5, robot.now)
     assert robot.session.line.driver is None and robot.session.control.counts['links_lost'] == 1
     assert robot.session.supervisor.e_stop.reason is StopReason.LOST
 
 
-def test_an_e_stop_while_the_line_breaks_is_a_lost_line_under_its_own_reason():
+def test_an_e_stop_while_the_line_breaks_keeps_its_own_reason():
     robot = VirtualRobot().ready()
     robot.plugged = False
     robot.session.engage('button')
@@ -190,12 +190,12 @@ def test_a_line_that_breaks_during_a_stop_is_lost_once():
     robot.run(0.1, torque=0.5)
     robot.session.line.driver.poll = lambda: robot.session.line.driver.telemetry
     robot.session.supervisor.trigger(EStop(StopReason.REQUESTED, 'button'))
-    robot.plugged = False  # noticed when the stop is written
+    robot.plugged = False  # detected when the stop is sent
     robot.session.tick()
     assert robot.session.line.driver is None and robot.session.control.counts['links_lost'] == 1
 
 
-def test_more_commands_than_periods_do_not_crowd_the_line():
+def test_more_commands_than_periods_do_not_overload_the_line():
     robot = VirtualRobot().ready()
     robot.run(0.1, torque=0.1)
     before = robot.session.line.driver.counts['sent']
@@ -205,12 +205,12 @@ def test_more_commands_than_periods_do_not_crowd_the_line():
         for part in range(5):
             robot.session.command(0.1 + 0.001 * part, robot.now)
     sent = robot.session.line.driver.counts['sent'] - before
-    assert 100 <= sent <= 203  # a question and a torque per period
+    assert 100 <= sent <= 203  # a request and a torque per period
     robot.session.tick()
-    assert robot.session.supervisor.torque == pytest.approx(0.104)  # and the newest counts
+    assert robot.session.supervisor.torque == pytest.approx(0.104)  # the newest command counts
 
 
-def test_an_imu_that_falls_silent_takes_the_torque_away():
+def test_an_imu_timeout_ends_the_torque():
     robot = VirtualRobot().ready()
     robot.run(0.2, torque=1.0)
     robot._imu = None
@@ -233,7 +233,7 @@ def test_every_deliberate_end_leaves_the_motor_without_power(end, protocol):
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
-def test_commands_that_stop_coming_stop_the_motor_within_a_tenth_of_a_second(protocol):
+def test_the_motor_stops_within_a_tenth_of_a_second_after_the_last_command(protocol):
     robot = VirtualRobot(protocol).ready()
     robot.run(0.2, torque=1.0)
     assert robot.motor != 0.0
@@ -244,7 +244,7 @@ def test_commands_that_stop_coming_stop_the_motor_within_a_tenth_of_a_second(pro
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
-def test_a_bridge_that_vanishes_is_outlived_by_no_torque(protocol):
+def test_the_torque_ends_when_the_bridge_is_killed(protocol):
     robot = VirtualRobot(protocol).ready()
     robot.run(0.2, torque=1.0)
     assert robot.motor != 0.0
@@ -257,12 +257,12 @@ def test_a_stop_is_repeated_until_the_drive_confirms_it():
     robot.run(0.1, torque=1.0)
     lost, receive = [], robot.device.receive
 
-    def deaf(data, now):
+    def drop(data, now):
         if len(lost) < 8:
             lost.append(data)
             return b''
         return receive(data, now)
-    robot.device.receive = deaf
+    robot.device.receive = drop
     robot.session.engage('button')
     assert robot.run(STEP).state is MotorState.STOPPING
     report = robot.run(0.25)
@@ -272,7 +272,7 @@ def test_a_stop_is_repeated_until_the_drive_confirms_it():
 
 @pytest.mark.parametrize('protocol', [*ALL[::3], *slow(*ALL[1::3], *ALL[2::3])])
 @pytest.mark.parametrize('rearm', [False, *slow(True)])
-def test_after_unplugging_it_is_back_within_a_second_and_armed_only_by_policy(rearm, protocol):
+def test_an_unplugged_drive_is_found_within_a_second_and_armed_only_with_rearm(rearm, protocol):
     robot = VirtualRobot(protocol, rearm=rearm).ready()
     robot.run(0.2, torque=0.5)
     robot.plugged = False
@@ -304,7 +304,7 @@ def test_repeated_losses_of_the_line_do_not_count_as_trips_of_the_drive(protocol
 
 @pytest.mark.parametrize('protocol', [*ALL[2::3], *slow(*ALL[::3], *ALL[1::3])])
 @pytest.mark.parametrize('rearm', [*slow(False), True])
-def test_after_a_reboot_of_the_drive_likewise(rearm, protocol):
+def test_a_rebooted_drive_is_found_and_armed_only_with_rearm(rearm, protocol):
     robot = VirtualRobot(protocol, rearm=rearm).ready()
     robot.run(0.2, torque=0.5)
     robot.device.reboot(robot.now)
@@ -314,7 +314,7 @@ def test_after_a_reboot_of_the_drive_likewise(rearm, protocol):
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
-def test_a_drive_that_disarms_by_itself_is_noticed(protocol):
+def test_a_drive_that_disarms_by_itself_is_detected(protocol):
     robot = VirtualRobot(protocol).ready()
     robot.run(0.2, torque=0.5)
     robot.device.over_current()
@@ -324,18 +324,18 @@ def test_a_drive_that_disarms_by_itself_is_noticed(protocol):
 
 
 @pytest.mark.slow
-def test_a_drive_that_trips_each_time_it_is_armed_is_given_longer_and_longer_pauses():
+def test_a_drive_that_trips_on_each_arming_is_armed_after_increasing_pauses():
     robot = VirtualRobot(rearm=True).ready()
     for _ in range(round(6.0 / STEP)):
         robot.run(STEP, torque=0.0)
         if robot.device.armed:
             robot.device.over_current()
-    # After 0, 0.3, 0.9, 2.1 and 4.5 s, and what it takes to notice.
+    # After 0, 0.3, 0.9, 2.1 and 4.5 s, plus the time of detection.
     assert 4 <= robot.session.control.counts['disarmed_by_drive'] <= 5
 
 
 @pytest.mark.parametrize('rearm', [False, *slow(True)])
-def test_a_motor_that_cannot_be_armed_is_tried_again_only_by_policy(rearm, caplog):
+def test_a_motor_that_cannot_be_armed_is_tried_again_only_with_rearm(rearm, caplog):
     robot = VirtualRobot(rearm=rearm)
     robot.session.configure()
     robot.run(0.1)
@@ -360,11 +360,11 @@ def test_fifty_unplugs_leave_no_line_open_and_no_flood_in_the_log(caplog):
         robot.plugged = True
         robot.run(0.2)
     assert robot.lines == 1
-    assert len(caplog.messages) <= 50 * 3  # lost, why it is not found, found
+    assert len(caplog.messages) <= 50 * 3  # loss, cause, recovery
     assert robot.session.line.reconnects == 50
 
 
-# What the owner wants ---------------------------------------------------------------------
+# Requests of the owner --------------------------------------------------------------------
 
 def test_a_session_does_nothing_before_configure_and_after_close():
     robot = VirtualRobot()
@@ -378,7 +378,7 @@ def test_a_session_does_nothing_before_configure_and_after_close():
     robot.session.close()
 
 
-def test_configure_again_takes_the_power_away_and_opens_one_line():
+def test_a_second_configure_disarms_the_motor_and_opens_one_line():
     robot = VirtualRobot().ready()
     robot.run(0.1, torque=1.0)
     robot.session.configure()
@@ -388,7 +388,7 @@ def test_configure_again_takes_the_power_away_and_opens_one_line():
     assert not any(robot.torques) and not robot.device.armed
 
 
-def test_after_deactivate_it_measures_on_and_has_to_be_activated_and_released_again():
+def test_after_deactivate_it_still_measures_and_needs_a_new_activation_and_release():
     robot = VirtualRobot().ready()
     robot.session.deactivate()
     report = robot.run(0.1, torque=0.0)
@@ -408,7 +408,7 @@ def test_after_close_by_any_caller_the_e_stop_is_engaged():
     assert robot.session.supervisor.e_stop.reason is StopReason.CLOSED
 
 
-def test_without_a_drive_it_cannot_be_activated_and_says_why():
+def test_activation_without_a_drive_is_refused():
     robot = VirtualRobot()
     with refused('missing', 'drive', RefusedError):
         robot.session.activate()
@@ -420,13 +420,13 @@ def test_without_a_drive_it_cannot_be_activated_and_says_why():
 
 
 @pytest.mark.parametrize('end', ['deactivate', 'close'])
-def test_an_end_that_the_drive_does_not_confirm_is_asked_for_during_half_a_second(end, caplog):
+def test_a_stop_that_the_drive_does_not_confirm_is_awaited_for_half_a_second(end, caplog):
     robot = VirtualRobot().ready()
     robot.run(0.1, torque=1.0)
     receive, robot.device.receive = robot.device.receive, lambda data, now: b''
-    begin = robot.now
+    start = robot.now
     getattr(robot.session, end)()
-    assert robot.now - begin == pytest.approx(0.5, abs=0.05)
+    assert robot.now - start == pytest.approx(0.5, abs=0.05)
     assert any('not confirmed' in text for text in caplog.messages)
     assert 'not confirmed' in robot.session.control.unconfirmed
     if end == 'deactivate':  # the watchdog stops the drive, and a handshake confirms it
@@ -439,7 +439,7 @@ def test_an_end_that_the_drive_does_not_confirm_is_asked_for_during_half_a_secon
 
 # The e-stop -------------------------------------------------------------------------------
 
-def test_an_e_stop_of_the_supervisor_itself_takes_the_power_away():
+def test_an_e_stop_of_the_supervisor_disarms_the_motor():
     robot = VirtualRobot(held=True, speed_limit=1.0).ready()
     robot.run(0.05, torque=0.1)
     robot.plant.state = robot.plant.state._replace(pendulum_rate=6.0)
@@ -448,7 +448,7 @@ def test_an_e_stop_of_the_supervisor_itself_takes_the_power_away():
     assert report.state is MotorState.DISARMED and not robot.device.armed
 
 
-def test_an_estimate_that_ran_away_engages_the_e_stop_even_where_it_rearms(caplog):
+def test_a_diverged_estimate_engages_the_e_stop_even_with_rearm(caplog):
     robot = VirtualRobot(rearm=True).ready()
 
     def fail(*_):
@@ -476,7 +476,7 @@ def test_the_e_stop_is_not_released_while_the_drive_is_silent_or_has_not_confirm
         robot.session.release()
 
 
-def test_engaging_it_twice_stops_once():
+def test_engaging_the_e_stop_twice_stops_once():
     robot = VirtualRobot().ready()
     robot.session.engage('first')
     sent = robot.session.line.driver.counts['sent']
@@ -486,7 +486,7 @@ def test_engaging_it_twice_stops_once():
 
 
 @pytest.mark.parametrize('wanted', ['inactive', 'stopped'])
-def test_a_command_is_not_sent_where_there_is_no_power_to_follow_it(wanted):
+def test_a_command_is_not_sent_without_power(wanted):
     robot = VirtualRobot().ready()
     robot.session.deactivate() if wanted == 'inactive' else robot.session.engage('button')
     sent = robot.session.line.driver.counts['sent']
@@ -495,16 +495,16 @@ def test_a_command_is_not_sent_where_there_is_no_power_to_follow_it(wanted):
     assert robot.session.supervisor.torque == 0.0
 
 
-def test_a_command_goes_out_the_moment_that_it_comes():
+def test_a_command_is_sent_immediately():
     robot = VirtualRobot().ready()
     robot.session.tick()
     robot.pass_time(STEP)
     robot.session.command(0.5, robot.now)
-    robot.pass_time(STEP)  # and no tick
+    robot.pass_time(STEP)  # without a tick
     assert robot.motor > 0.0
 
 
-def test_a_command_before_the_motor_is_armed_is_not_sent_and_no_error():
+def test_a_command_before_the_motor_is_armed_is_neither_sent_nor_an_error():
     robot = VirtualRobot()
     robot.session.configure()
     robot.run(0.1)
@@ -517,7 +517,7 @@ def test_a_command_before_the_motor_is_armed_is_not_sent_and_no_error():
     assert robot.motor == 0.0
 
 
-def test_while_a_stop_is_repeated_each_period_has_its_question():
+def test_while_a_stop_is_repeated_each_period_has_its_request():
     robot = VirtualRobot().ready()
     receive = robot.device.receive
     robot.device.receive = lambda data, now: receive(
@@ -530,7 +530,7 @@ def test_while_a_stop_is_repeated_each_period_has_its_question():
 # A drive that is silent -------------------------------------------------------------------
 
 def silent_since(robot):
-    """Make the drive deaf and dumb; return when the first question stayed without an answer."""
+    """Cut off the drive; return the time of the first unanswered request [s]."""
     robot.session.tick()
     robot.session.await_answer(STEP)
     robot.device.receive = lambda data, now: b''
@@ -539,13 +539,13 @@ def silent_since(robot):
 
 
 @pytest.mark.parametrize('rearm', [False, True])
-def test_after_a_tenth_of_a_second_of_silence_the_motor_is_stopped_and_after_three_lost(rearm):
+def test_a_silent_drive_is_stopped_after_a_tenth_of_a_second_and_lost_after_three(rearm):
     robot = VirtualRobot(rearm=rearm).ready()
-    begin = silent_since(robot)
+    start = silent_since(robot)
     changes = {}
-    while robot.now - begin < 0.35:
+    while robot.now - start < 0.35:
         report = robot.run(STEP)
-        changes.setdefault(report.state, robot.now - begin)
+        changes.setdefault(report.state, robot.now - start)
     assert changes[MotorState.ARMED] < 0.01
     assert changes[MotorState.STOPPING] == pytest.approx(0.1, abs=2.5 * STEP)
     assert changes[MotorState.DISCONNECTED] == pytest.approx(0.3, abs=2.5 * STEP)
@@ -554,13 +554,13 @@ def test_after_a_tenth_of_a_second_of_silence_the_motor_is_stopped_and_after_thr
 
 
 @pytest.mark.parametrize('rearm', [False, True])
-def test_a_drive_that_is_lost_before_it_was_armed_does_not_arm_by_itself_when_it_is_back(rearm):
+def test_a_drive_that_is_lost_before_arming_is_armed_on_return_only_with_rearm(rearm):
     robot = VirtualRobot(rearm=rearm)
     robot.session.configure()
     robot.run(0.1)
     robot.session.activate()
     robot.session.release()
-    robot.plugged = False  # noticed before it is armed, or while it is
+    robot.plugged = False  # detected before or during arming
     assert robot.run(STEP).state is MotorState.DISCONNECTED
     robot.plugged = True
     robot.run(1.0, torque=0.5)
@@ -568,13 +568,13 @@ def test_a_drive_that_is_lost_before_it_was_armed_does_not_arm_by_itself_when_it
     assert bool(robot.session.supervisor.e_stop) is not rearm
 
 
-def test_no_torque_rests_on_a_motion_of_long_ago_though_the_drive_answers():
+def test_no_torque_is_based_on_an_old_motion_although_the_drive_answers():
     robot = VirtualRobot(on_timeout='settle').ready()
     robot.run(0.08, torque=2.0)
     driver = robot.session.line.driver
     poll = driver.poll
 
-    def at_an_unknown_time():  # as after writes that were held up
+    def at_an_unknown_time():  # as after delayed writes
         return poll()._replace(measured=None)
     driver.poll = at_an_unknown_time
     robot.run(0.05)
@@ -592,12 +592,12 @@ def test_an_answer_that_breaks_off_is_a_lost_line():
     assert robot.tick().state is MotorState.DISCONNECTED
 
 
-def test_an_answer_that_does_not_come_is_waited_for_no_longer():
+def test_a_missing_answer_is_awaited_for_one_period_at_most():
     robot = VirtualRobot().ready()
     silent_since(robot)
-    begin = robot.now
+    start = robot.now
     assert robot.session.await_answer(STEP) is None and robot.session.expecting
-    assert robot.now - begin <= 1.01 * STEP
+    assert robot.now - start <= 1.01 * STEP
 
 
 def test_slow_arming_is_not_a_timeout():
@@ -612,19 +612,19 @@ def test_slow_arming_is_not_a_timeout():
         robot.now += 0.15
         robot.device.receive = receive
         arm(timeout)
-        robot.device.receive = deaf
+        robot.device.receive = drop
 
-    def deaf(data, now):
+    def drop(data, now):
         return b''
-    driver.arm, robot.device.receive = slowly, deaf
-    robot.session.tick()  # its question is lost
+    driver.arm, robot.device.receive = slowly, drop
+    robot.session.tick()  # its request is dropped
     robot.session.release()
     robot.run(0.06)
     assert robot.session.control.counts['armed'] == 1
     assert robot.session.control.counts['silent'] == 0
 
 
-def test_a_stop_that_is_not_confirmed_is_written_at_its_period():
+def test_a_stop_that_is_not_confirmed_is_sent_at_its_period():
     robot = VirtualRobot().ready()
     written = []
     robot.device.receive = lambda data, now: written.append(data) or b''

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot with a second motor: it turns, and each fault of one axis ends the torque of both."""
+"""A robot with a second motor turns, and each fault of one axis ends the torque of both."""
 from dataclasses import replace
 import math
 import random
@@ -74,7 +74,7 @@ def test_it_turns_at_the_commanded_yaw_rate(robot, speed, yaw_rate):
 
 
 @pytest.mark.slow
-def test_odometry_has_the_course_of_the_turn(robot):
+def test_odometry_follows_the_turn(robot):
     for yaw_rate in (0.3, -0.2, 0.0):
         robot.loop(1.5, SetPoint(Mode.SPEED, 0.4, yaw_rate=yaw_rate))
     assert robot.session.course.pose == pytest.approx(robot.course.pose, abs=0.02)
@@ -103,7 +103,7 @@ def test_the_lean_stays_within_the_limit_of_the_robot(robot):
 
 
 def silent_axis(number):
-    """Return a fault: no replies to one axis arrive."""
+    """Return a fault that drops all replies to one axis."""
     def plant(robot):
         driver = robot.session.axes[number].line.driver
         driver._parser.feed = lambda data: []
@@ -125,7 +125,7 @@ FAULTS = {
 def test_each_fault_of_one_axis_ends_the_torque_of_both(turning, fault):
     robot, first = turning, len(turning.torques)
     FAULTS[fault](robot)
-    set_point = SetPoint(Mode.SPEED, 0.5, yaw_rate=-0.4)  # asks for torque of both
+    set_point = SetPoint(Mode.SPEED, 0.5, yaw_rate=-0.4)  # requires torque on both axes
     for _ in range(100):
         loop(robot, 0.02, set_point)
         if robot.session.supervisor.e_stop:
@@ -139,7 +139,7 @@ def test_each_fault_of_one_axis_ends_the_torque_of_both(turning, fault):
     assert states <= {MotorState.DISARMED, MotorState.DISCONNECTED}
 
 
-def test_the_cause_of_one_axis_is_that_of_both_with_the_names_of_its_faults(turning):
+def test_both_axes_have_the_cause_of_one_axis_with_the_names_of_its_faults(turning):
     cause = EStop(StopReason.DISARMED_BY_DRIVE, 'the drive disarmed the motor: HOT', ('HOT',))
     turning.session.axes[1].supervisor.trigger(cause)
     turning.loop(0.01, TURN)
@@ -148,7 +148,7 @@ def test_the_cause_of_one_axis_is_that_of_both_with_the_names_of_its_faults(turn
 
 @pytest.mark.slow
 @pytest.mark.parametrize('velocity', [True, False])
-def test_a_lean_encoder_that_froze_is_found_from_a_low_yaw_rate_on(velocity):
+def test_a_frozen_lean_encoder_is_detected_at_a_low_yaw_rate(velocity):
     robot = VirtualRobot('roboclaw', onboard='gentle', steering=True).ready()
     robot.loop(1.5, SetPoint(Mode.SPEED, 0.5))
     frozen(velocity, axis=1)(robot)
@@ -158,7 +158,7 @@ def test_a_lean_encoder_that_froze_is_found_from_a_low_yaw_rate_on(velocity):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', [3, 8, 9])
-def test_late_commands_and_replies_are_no_fault_of_the_lean(seed):
+def test_late_commands_and_replies_cause_no_fault_of_the_lean_axis(seed):
     rng = random.Random(seed)
     robot = VirtualRobot('roboclaw', onboard='gentle', steering=True).ready()
     hold_up(robot, rng, 0.04)
@@ -180,7 +180,7 @@ def test_each_exit_stops_both_motors_and_both_confirm_it(turning, exit_by):
     assert turning.lines == (exit_by == 'deactivate')
 
 
-def test_the_drive_stops_both_motors_of_a_process_that_was_killed(turning):
+def test_the_drive_stops_both_motors_when_the_process_is_killed(turning):
     turning.pass_time(0.2)  # nothing is sent; the serial timeout is 0.1 s
     assert turning.torques[-1] == turning.leans[-1] == 0.0
 
@@ -217,7 +217,7 @@ def test_after_a_lost_line_both_axes_are_found_and_armed_again(rearm):
     assert any(robot.torques[-50:]) and any(robot.leans[-50:])
 
 
-def test_no_axis_pulls_before_both_are_armed(robot):
+def test_no_axis_has_torque_before_both_are_armed(robot):
     session = robot.session
     session.engage('test')
     robot.loop(0.7)
@@ -249,7 +249,7 @@ def test_the_other_axis_is_fed_while_one_arms_slowly(robot):
     assert {axis.power.state for axis in session.axes} == {MotorState.ARMED}
 
 
-def test_a_second_drive_that_is_set_wrongly_is_refused_and_nothing_stays_open():
+def test_a_second_drive_with_wrong_settings_is_refused_and_no_line_stays_open():
     robot = VirtualRobot('roboclaw', onboard='gentle', steering=True)
     answers, right = robot.device._answers, robot.device._answers[codec.GET_MAX_CURRENT[1]]
     answers[codec.GET_MAX_CURRENT[1]] = lambda: (99999, 0)
@@ -307,7 +307,7 @@ def test_both_axes_count_in_the_budget_of_a_line_that_they_share():
     assert both.bytes_in == 2 * one.bytes_in and both.bytes_out == 2 * one.bytes_out
 
 
-def test_bytes_that_arrive_often_while_an_axis_arms_feed_the_other_at_the_rate_of_the_link():
+def test_frequent_bytes_while_an_axis_arms_feed_the_other_at_a_limited_rate():
     robot = VirtualRobot('roboclaw', onboard='gentle', steering=True).ready()
     axis, fed = robot.session.axes[1], []
     axis.line.driver.feed = lambda: fed.append(robot.now)

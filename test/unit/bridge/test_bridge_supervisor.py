@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the motor may do, and above all when it may do nothing."""
+"""Limits on the torque of the motor, and the conditions for zero torque."""
 import math
 
 from hypothesis import given, strategies
@@ -23,11 +23,11 @@ def released(**limits):
     return supervisor
 
 
-def follow(supervisor, torque, begin, seconds, motion=STILL):
-    """Offer and decide each period; return the torque decided last."""
+def follow(supervisor, torque, start, seconds, motion=STILL):
+    """Offer a torque and decide in each period; return the last decision."""
     decided = 0.0
     for number in range(round(seconds / PERIOD)):
-        now = begin + number * PERIOD
+        now = start + number * PERIOD
         supervisor.offer(torque, now, now)
         decided = supervisor.decide(now, motion)
     return decided
@@ -37,7 +37,7 @@ def test_there_is_no_torque_before_the_first_command():
     assert released().decide(0.1, STILL) == 0.0
 
 
-def test_the_motor_is_at_zero_a_timeout_after_the_last_command_whenever_that_came():
+def test_the_torque_is_zero_one_timeout_after_the_last_command_at_any_phase():
     for late in (0.0, 0.0005, 0.0019):
         supervisor = released()
         follow(supervisor, 1.0, 0.0, 0.1)
@@ -50,7 +50,7 @@ def test_the_motor_is_at_zero_a_timeout_after_the_last_command_whenever_that_cam
         assert supervisor.counts['timeouts'] == 1
 
 
-def test_a_command_counts_from_the_state_that_it_answers():
+def test_the_age_of_a_command_counts_from_the_state_that_it_answers():
     supervisor = released()
     supervisor.offer(1.0, 0.0, 0.09)
     assert supervisor.decide(0.095, STILL) > 0.0
@@ -67,7 +67,7 @@ def test_after_a_timeout_the_next_command_is_followed_again():
 @pytest.mark.parametrize('policy, motion, expected', [
     ('coast', Motion(0.5, 2.0, 3.0), 0.0), ('brake', Motion(0.5, 2.0, 3.0), -0.9),
     ('settle', Motion(0.5, 2.0, 3.0), -0.6)])
-def test_the_timeout_policy_is_chosen_and_ends(policy, motion, expected):
+def test_the_timeout_policy_is_applied_and_ends(policy, motion, expected):
     supervisor = released(on_timeout=policy, damping=0.3, damping_time=1.0,
                           torque_rate_limit=1e6)
     follow(supervisor, 1.0, 0.0, 0.1)
@@ -76,13 +76,13 @@ def test_the_timeout_policy_is_chosen_and_ends(policy, motion, expected):
     assert supervisor.decide(1.4, motion) == 0.0
 
 
-def test_the_e_stop_is_engaged_at_start_and_says_so():
+def test_the_e_stop_is_engaged_at_start_with_that_reason():
     supervisor = Supervisor(Limits(torque_limit=4.0), PERIOD)
     assert supervisor.e_stop.reason is StopReason.START
     assert follow(supervisor, 1.0, 0.0, 0.1) == 0.0
 
 
-def test_commands_that_were_refused_push_too():
+def test_refused_commands_also_inhibit_the_release():
     supervisor = Supervisor(Limits(torque_limit=4.0), PERIOD)
     with refused('stale'):
         supervisor.offer(1.0, -5.0, 0.1)
@@ -114,18 +114,18 @@ def test_torque_and_its_rate_are_limited_and_counted():
 
 
 @pytest.mark.parametrize('motion', [Motion(1.7, 2.0, 2.0), Motion(0.0, 13.0, 13.0)])
-def test_beyond_a_limit_a_law_that_turns_back_does_not_go_on_outwards_at_the_rate_limit(motion):
+def test_beyond_a_limit_the_rate_limit_does_not_prolong_outward_torque(motion):
     supervisor = released(torque_rate_limit=50.0)
     assert follow(supervisor, 3.0, 0.0, 0.1) == pytest.approx(3.0)
     supervisor.offer(-3.0, 0.102, 0.102)
     assert -0.5 <= supervisor.decide(0.102, motion) < 0.0
 
 
-def test_without_knowing_how_the_robot_moves_there_is_no_torque():
+def test_there_is_no_torque_if_the_motion_is_unknown():
     assert follow(released(), 1.0, 0.0, 0.1, None) == 0.0
 
 
-def test_of_reasons_for_the_e_stop_the_first_stays_and_is_counted_once():
+def test_the_first_reason_for_the_e_stop_is_kept_and_counted_once():
     supervisor = released()
     follow(supervisor, 1.0, 0.0, 0.1)
     supervisor.trigger(BUTTON)
@@ -137,7 +137,7 @@ def test_of_reasons_for_the_e_stop_the_first_stays_and_is_counted_once():
     assert started.e_stop.reason is StopReason.START and not started.counts
 
 
-def test_half_a_second_of_commands_of_zero_releases_and_next_to_nothing_is_zero():
+def test_the_release_needs_half_a_second_of_zero_commands_within_a_tolerance():
     supervisor = Supervisor(Limits(torque_limit=4.0), PERIOD)
     supervisor.offer(2e-6, 0.0, 0.0)
     supervisor.offer(-1e-6, 0.25, 0.25)
@@ -148,7 +148,7 @@ def test_half_a_second_of_commands_of_zero_releases_and_next_to_nothing_is_zero(
     assert not supervisor.e_stop
 
 
-def test_commands_that_pull_back_push_too_and_those_that_are_no_number_do_not():
+def test_negative_commands_inhibit_the_release_and_non_finite_ones_do_not():
     supervisor = Supervisor(Limits(torque_limit=4.0), PERIOD)
     with pytest.raises(MessageError):
         supervisor.offer(math.inf, 1.0, 1.0)
@@ -158,7 +158,7 @@ def test_commands_that_pull_back_push_too_and_those_that_are_no_number_do_not():
         supervisor.reset(1.1)
 
 
-def test_a_command_is_in_force_from_its_coming_to_its_timeout():
+def test_a_command_is_active_from_its_arrival_to_its_timeout():
     supervisor = released()
     assert not supervisor.commanded
     supervisor.offer(0.0, 0.0, 0.0)
@@ -170,7 +170,7 @@ def test_a_command_is_in_force_from_its_coming_to_its_timeout():
     assert not supervisor.commanded and not supervisor.timed_out
 
 
-def test_a_loop_slower_than_the_timeout_follows_commands_of_its_own_half_period_only():
+def test_a_loop_slower_than_the_timeout_accepts_commands_up_to_half_a_period_old():
     supervisor = Supervisor(Limits(torque_limit=4.0, command_timeout=0.01), 0.02)
     supervisor.offer(1.0, 0.0, 0.0099)
     with refused('stale'):
@@ -178,7 +178,7 @@ def test_a_loop_slower_than_the_timeout_follows_commands_of_its_own_half_period_
 
 
 @pytest.mark.parametrize('policy', ['coast', 'brake', 'settle'])
-def test_after_a_timeout_nothing_is_done_about_a_motion_that_is_not_known(policy):
+def test_after_a_timeout_there_is_no_torque_if_the_motion_is_unknown(policy):
     supervisor = released(on_timeout=policy)
     follow(supervisor, 1.0, 0.0, 0.1)
     assert supervisor.decide(0.3, None) == 0.0
@@ -194,7 +194,7 @@ def test_the_replacement_of_commands_lasts_for_its_configured_time():
     assert supervisor.counts['timeouts'] == 1
 
 
-def test_the_torque_starts_from_zero_after_a_stop_however_long_that_was():
+def test_the_torque_starts_from_zero_after_a_stop_of_any_duration():
     supervisor = released(torque_rate_limit=100.0)
     follow(supervisor, 1.0, 0.0, 0.1)
     supervisor.quiet()
@@ -203,16 +203,16 @@ def test_the_torque_starts_from_zero_after_a_stop_however_long_that_was():
     assert supervisor.decide(0.2, STILL) == pytest.approx(100.0 * PERIOD)
 
 
-def test_however_long_ago_the_last_decision_the_torque_jumps_by_one_timeout_at_most():
+def test_after_any_pause_the_torque_changes_by_at_most_one_timeout_at_the_rate_limit():
     supervisor = released(torque_rate_limit=10.0, command_timeout=0.1)
     supervisor.offer(0.02, 0.0, 0.0)
     assert supervisor.decide(0.0, STILL) == pytest.approx(0.02)
     supervisor.offer(4.0, 5.0, 5.0)
     assert supervisor.decide(5.0, STILL) == pytest.approx(1.02)
-    assert supervisor.decide(4.95, STILL) == pytest.approx(1.02)  # and none if time stands
+    assert supervisor.decide(4.95, STILL) == pytest.approx(1.02)  # no change if time goes back
 
 
-def test_a_cut_to_zero_is_not_slowed_down_and_a_turn_of_the_torque_is():
+def test_the_rate_limit_applies_to_a_reversal_of_torque_but_not_to_a_cut_to_zero():
     supervisor = released(torque_rate_limit=100.0)
     follow(supervisor, 1.0, 0.0, 0.1)
     supervisor.offer(-1.0, 0.1, 0.1)
@@ -224,7 +224,7 @@ def test_a_cut_to_zero_is_not_slowed_down_and_a_turn_of_the_torque_is():
 EXACTLY = Motion(1.6, 0.0, 12.0)
 
 
-def test_at_the_limits_of_angle_and_speed_the_torque_is_free_and_beyond_each_cut_is_counted():
+def test_at_the_limits_of_angle_and_speed_torque_passes_and_beyond_each_cut_is_counted():
     supervisor = released()
     supervisor.offer(0.1, 0.0, 0.0)
     assert supervisor.decide(0.0, EXACTLY) == pytest.approx(0.1)
@@ -238,7 +238,7 @@ def test_at_the_limits_of_angle_and_speed_the_torque_is_free_and_beyond_each_cut
 
 
 @pytest.mark.parametrize('motion', [Motion(1.7, 0.0, 0.0), Motion(0.0, 0.0, 12.1)])
-def test_beyond_a_limit_the_least_torque_back_passes_and_no_torque_is_not_a_cut(motion):
+def test_beyond_a_limit_the_smallest_inward_torque_passes_and_zero_torque_is_not_a_cut(motion):
     supervisor = released(torque_rate_limit=1e6)
     for now, torque in ((0.0, 0.0), (0.002, -0.01)):
         supervisor.offer(torque, now, now)
@@ -246,7 +246,7 @@ def test_beyond_a_limit_the_least_torque_back_passes_and_no_torque_is_not_a_cut(
     assert not supervisor.counts
 
 
-def test_each_cut_to_the_torque_limit_is_counted_and_the_limit_itself_is_none():
+def test_each_cut_to_the_torque_limit_is_counted_and_the_limit_itself_is_not_a_cut():
     supervisor = released(torque_rate_limit=1e6)
     for number, torque in enumerate((-9.0, -4.0, 4.0, 9.0)):
         supervisor.offer(torque, 0.001 * number, 0.001 * number)
@@ -255,7 +255,7 @@ def test_each_cut_to_the_torque_limit_is_counted_and_the_limit_itself_is_none():
 
 
 @pytest.mark.parametrize('direction', [1.0, -1.0])
-def test_a_runaway_is_half_as_fast_again_as_the_limit_for_two_hundredths_of_a_second(direction):
+def test_a_runaway_exceeds_one_and_a_half_speed_limits_for_two_hundredths_of_a_second(direction):
     supervisor = released()
     fast, slower = (Motion(0.0, 0.0, direction * rate) for rate in (18.01, 18.0))
     supervisor.offer(1.0, 0.0, 0.0)
@@ -274,7 +274,7 @@ numbers = strategies.one_of(strategies.floats(), strategies.floats(-20.0, 20.0))
     strategies.sampled_from(('offer', 'decide', 'trigger', 'reset')), numbers,
     strategies.floats(0.0, 0.2), strategies.floats(-2.0, 2.0), strategies.floats(-20.0, 20.0)),
     max_size=40), strategies.sampled_from(('coast', 'brake', 'settle')))
-def test_torque_is_finite_limited_and_only_after_a_fresh_command(events, policy):
+def test_torque_is_finite_and_limited_and_requires_a_fresh_command(events, policy):
     supervisor = Supervisor(Limits(torque_limit=4.0, on_timeout=policy), PERIOD)
     now, fresh = 0.0, -math.inf
     for what, number, pause, angle, rate in events:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When a thing was measured counts, not when it was read: late and lost answers, odd stamps."""
+"""The time of measurement counts, not the time of reading: late and lost answers."""
 import pytest
 from virtual_robot import STEP, VirtualRobot
 
@@ -8,11 +8,11 @@ PROTOCOLS = ('odrive 0.5', 'odrive 0.6', 'vesc', 'roboclaw')
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
 @pytest.mark.parametrize('late', [0.02, 0.04])
-def test_an_answer_that_is_read_late_spoils_no_rate(protocol, late):
+def test_an_answer_that_is_read_late_does_not_falsify_the_rate(protocol, late):
     robot = VirtualRobot(protocol, held=True, rearm=True, speed_limit=11.0).ready()
     robot.plant.state = robot.plant.state._replace(pendulum_rate=10.0)
     robot.run(0.05, torque=0.0)
-    robot.pass_time(late)  # the process is held up
+    robot.pass_time(late)  # the process is delayed
     worst = 0.0
     for _ in range(30):
         robot.run(STEP, torque=0.0)
@@ -23,7 +23,7 @@ def test_an_answer_that_is_read_late_spoils_no_rate(protocol, late):
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)
-def test_a_lost_reply_makes_stamps_too_old_by_one_request_and_not_for_long(protocol):
+def test_a_lost_reply_makes_stamps_one_request_too_old_for_a_short_time(protocol):
     robot = VirtualRobot(protocol).ready()
     robot.run(0.1, torque=0.0)
     robot.waiting.clear()

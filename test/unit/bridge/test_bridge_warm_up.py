@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a loop calls is compiled before there is a loop."""
+"""All kernels of the loop are compiled before it starts."""
 import os
 import subprocess
 import sys
@@ -8,7 +8,7 @@ import pytest
 
 from ballbot_ros.jit import COMPILED
 
-# A new process: in this one other tests have compiled what there is.
+# In a new process, because other tests have already compiled kernels in this one.
 PROGRAM = """
 from virtual_robot import VirtualRobot
 from ballbot_ros.jit import on_first_call
@@ -36,6 +36,6 @@ for mode in Mode:
 
 @pytest.mark.slow
 @pytest.mark.skipif(not COMPILED, reason='nothing is compiled')
-def test_a_session_compiles_nothing_once_it_is_there():
+def test_a_session_compiles_nothing_after_its_start():
     subprocess.run([sys.executable, '-c', PROGRAM], check=True, env={
         **os.environ, 'PYTHONPATH': os.pathsep.join([os.path.dirname(__file__), *sys.path])})

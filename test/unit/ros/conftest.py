@@ -9,7 +9,7 @@ from rclpy.parameter import Parameter
 
 from ballbot_ros.ros.rclpy_compat import new_executor
 
-TIMEOUT = 120.0  # of a busy machine [s]
+TIMEOUT = 120.0  # on a busy machine [s]
 
 
 @pytest.fixture(scope='session')
@@ -25,7 +25,7 @@ def context():
 
 @pytest.fixture(autouse=True)
 def ordinary_priority(monkeypatch):
-    """Give no node real-time priority: it would be that of the whole test process."""
+    """Give no node real-time priority, which would apply to all tests of the process."""
     monkeypatch.setattr('ballbot_ros.bridge.realtime.permits', lambda priority: False)
 
 
@@ -55,7 +55,7 @@ class Spinner:
             self.executor.add_node(node)
 
     def until(self, condition, act=lambda: None):
-        """Return the result of a condition once it is true; calls `act` before each spin."""
+        """Return the result of a condition once it is true; call `act` before each spin."""
         deadline = time.monotonic() + TIMEOUT
         while not (found := condition()):
             assert time.monotonic() < deadline

@@ -40,7 +40,7 @@ class Graph:
         self.e_stops = self.client.create_publisher(Bool, 'e_stop', 1)
         self.scans = self.client.create_publisher(LaserScan, 'scan', 5)
         self.transforms = self.client.create_publisher(TFMessage, '/tf', 5)
-        self.offset = [0.0, 0.0]  # of odom on the map
+        self.offset = [0.0, 0.0]  # of odom in the frame map
         self.plans, self.feedback = [], []
         self.speed, self.yaw_rate, self.time = 0.0, 0.0, 1.0
         self.pose = list(START)
@@ -51,7 +51,7 @@ class Graph:
         self.speed, self.yaw_rate = message.twist.linear.x, message.twist.angular.z
 
     def spin(self, seconds, until=lambda: False):
-        """Move the robot on, publish its odometry, and serve the callbacks."""
+        """Move the robot, publish its odometry, and process the callbacks."""
         end = time.monotonic() + seconds
         while time.monotonic() < end and not until():
             x, y, heading = self.pose
@@ -63,10 +63,10 @@ class Graph:
             message.header.stamp = to_time(self.time)
             message.pose.pose = stamped_pose('odom', to_time(0.0), *self.pose).pose
             message.twist.twist.linear.x = self.speed
-            place = TransformStamped(child_frame_id='odom')
-            place.header.frame_id, place.header.stamp = 'map', message.header.stamp
-            place.transform.translation.x, place.transform.translation.y = self.offset
-            self.transforms.publish(TFMessage(transforms=[place]))
+            transform = TransformStamped(child_frame_id='odom')
+            transform.header.frame_id, transform.header.stamp = 'map', message.header.stamp
+            transform.transform.translation.x, transform.transform.translation.y = self.offset
+            self.transforms.publish(TFMessage(transforms=[transform]))
             self.odometry.publish(message)
             for _ in range(4):
                 self.executor.spin_once(timeout_sec=0.002)
@@ -88,7 +88,7 @@ class Graph:
             goal, feedback_callback=lambda one: self.feedback.append(one.feedback)))
 
     def fails(self, handle):
-        """Return the reason why an accepted goal fails; the ball rests then."""
+        """Return the reason why an accepted goal fails, once the ball is at rest."""
         result = self.wait(handle.get_result_async(), 60.0).result
         assert self.spin(5.0, lambda: self.speed == 0.0) and len(result.error_msg) > 20
         return result.error_msg.split(':')[0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a recorder takes, and the times that it is given in the bag."""
+"""Messages that a recorder stores, and their times in the bag."""
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -25,7 +25,7 @@ def stamped(kind, seconds):
     return message
 
 
-def test_stamps_are_read_where_messages_have_them():
+def test_stamps_are_read_from_messages_that_have_them():
     assert stamp_reader(JointState) is stamp_reader(Clock) is stamp_of
     assert stamp_reader(String) is stamp_reader(DiagnosticArray) is unstamped
     assert stamp_of(serialize_message(stamped(JointState, 1.25))) == 1_250_000_000
@@ -36,13 +36,13 @@ def test_stamps_are_read_where_messages_have_them():
     assert stamp_of_first(serialize_message(MarkerArray())) == 0
 
     class Transforms:
-        """tf2_msgs is not among the wheels; its one field is this."""
+        """The only field of TFMessage; there is no wheel of tf2_msgs."""
 
         @staticmethod
         def get_fields_and_field_types():
             return {'transforms': 'sequence<geometry_msgs/TransformStamped>'}
     assert stamp_reader(Transforms) is stamp_of_first
-    # A sequence of one is its length and the message, for any content.
+    # A serialized sequence of one message is its length followed by the message.
     one = serialize_message(stamped(TransformStamped, 5.0))
     assert stamp_of_first(one[:4] + b'\1\0\0\0' + one[4:]) == 5_000_000_000
 
@@ -78,7 +78,7 @@ def test_a_message_without_a_stamp_takes_the_last_stamp(recorded):
     assert len(found) == 8 and max(stamp for _, stamp in found) == 2 * 10**9
 
 
-def test_where_nothing_has_a_time_it_is_that_of_the_wall(recorded):
+def test_without_any_stamp_the_wall_clock_is_used(recorded):
     _, found = recorded(String(data='robot'))
     assert found[0][0] == '/String' and abs(found[0][1] - time.time_ns()) < 3600 * 10**9
 
@@ -91,7 +91,7 @@ def test_a_recorder_with_its_own_thread_misses_nothing_without_an_executor(make_
     with BagRecorder(tmp_path / 'bag') as bag:
         bag.subscribe(sink, 'states', received.append, JointState, qos.recording('joint_states'))
         bag.record_in_thread()
-        for number in range(10000):  # twice what a subscription holds; no executor ever spins
+        for number in range(10000):  # twice the queue of a subscription; no executor spins
             publisher.publish(stamped(JointState, 0.002 * number))
         while len(received) < 10000:
             assert bag.failure is None
@@ -103,12 +103,12 @@ def test_a_bag_that_cannot_be_written_is_reported(make_node, tmp_path):
     source, sink = make_node(Node, 'source'), make_node(Node, 'sink')
     publisher = source.create_publisher(String, 'words', qos.STATE)
 
-    def full(_):
+    def disk_full(_):
         raise OSError('No space left on device')
     with BagRecorder(tmp_path / 'bag') as bag:
         publisher.publish(String())
         bag.subscribe(sink, 'words', None, String, qos.STATE)
-        bag.subscribe(sink, 'states', full, JointState, qos.STATE)
+        bag.subscribe(sink, 'states', disk_full, JointState, qos.STATE)
         bag.record_in_thread()
         states = source.create_publisher(JointState, 'states', qos.STATE)
         while bag.failure is None:
@@ -126,12 +126,12 @@ def test_a_bag_keeps_the_offered_quality_of_service_for_its_replay(make_node, sp
     with BagRecorder(tmp_path / 'bag') as bag:
         bag.subscribe(sink, 'notes', None, String, qos.LATCHED)
         bag.subscribe(sink, 'joint_states', profile=qos.SENSOR)
-        bag.subscribe(sink, 'robot_description')  # without a publisher: as in the table
+        bag.subscribe(sink, 'robot_description')  # no publisher: profile of the table
     with Reader(tmp_path / 'bag') as reader:
         offered = {one.topic: one.ext.offered_qos_profiles for one in reader.connections}
     found = {topic: [(one.depth, one.reliability.name, one.durability.name) for one in profiles]
              for topic, profiles in offered.items()}
-    # Discovery has no depth: it is that of the table, and 1 for a topic that is not in it.
+    # Discovery reports no depth: it is that of the table, or 1 for a topic that is not in it.
     assert found == {'/notes': [(1, 'RELIABLE', 'TRANSIENT_LOCAL')],
                      '/joint_states': [(qos.STATE.depth, 'BEST_EFFORT', 'VOLATILE')],
                      '/robot_description': [(1, 'RELIABLE', 'TRANSIENT_LOCAL')]}

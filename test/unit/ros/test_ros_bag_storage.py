@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags are written by what is there: rosbags, or the rosbag2_py of a ROS installation."""
+"""Bags are written with rosbags or, without it, with rosbag2_py of a ROS installation."""
 import importlib.util
 from types import SimpleNamespace
 
@@ -16,7 +16,7 @@ from ballbot_ros.ros.topics import LATCHED
 
 
 class FakeRosbag2:
-    """What `rosbag2_py` of ROS 2 Jazzy offers for writing, as far as it is used."""
+    """The part of `rosbag2_py` of ROS 2 Jazzy that the writer uses."""
 
     def __init__(self, broken=False):
         self.calls, self.broken = [], broken
@@ -58,13 +58,13 @@ class FakeRosbag2:
 
 
 def only(monkeypatch, *present):
-    """Let only these modules be found."""
+    """Hide all modules except `present`."""
     find = importlib.util.find_spec
     monkeypatch.setattr(writer, 'find_spec', lambda name: (
         find('json') if name in present else None))
 
 
-def test_a_bag_says_which_scene_and_robot_it_was_made_with(tmp_path):
+def test_a_bag_stores_the_digests_of_its_scene_and_robot(tmp_path):
     scene = load_scene('doorstep')
     writer = bag_writer(tmp_path / 'bag', bag_metadata(SIMULATOR, {'lockstep': True}, scene))
     writer.open()
@@ -81,13 +81,13 @@ def test_a_bag_says_which_scene_and_robot_it_was_made_with(tmp_path):
     assert other.digests['scene'] == metadata.digests['scene']
 
 
-def test_missing_metadata_of_a_bag_is_left_out():
+def test_missing_and_damaged_metadata_of_a_bag_are_ignored():
     assert BagMetadata.read({}) == BagMetadata()
     for damaged in ('{broken', '[]', '1', '{"parameters": 1}'):
         assert BagMetadata.read({KEY: damaged}) == BagMetadata()
 
 
-def test_where_rosbags_is_missing_the_bags_of_a_ros_installation_are_used(monkeypatch, tmp_path):
+def test_without_rosbags_the_library_of_a_ros_installation_is_used(monkeypatch, tmp_path):
     only(monkeypatch, 'rosbag2_py')
     fake = FakeRosbag2()
     monkeypatch.setitem(__import__('sys').modules, 'rosbag2_py', fake)

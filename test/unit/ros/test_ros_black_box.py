@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The black box of a node: where its files are, and which lines of the log it records."""
+"""The black box of a node: the folder of its files, and the log records that it stores."""
 import logging
 from pathlib import Path
 
@@ -35,5 +35,5 @@ def test_log_records_of_the_bridge_are_recorded_when_logged_not_when_printed(
     assert bytes(block).endswith(b'the motor is on fire\0')
 
 
-def test_without_a_folder_nothing_is_kept():
+def test_without_a_folder_nothing_is_recorded():
     assert not isinstance(black_box('', load_hardware('gimball_odrive')), BlackBox)

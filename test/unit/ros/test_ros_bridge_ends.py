@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""However a bridge ends, the last word on its e-stop is that it is engaged."""
+"""However a bridge ends, its last message reports its e-stop as engaged."""
 import pytest
 from rclpy.node import Node
 from std_msgs.msg import Bool
@@ -12,7 +12,7 @@ from ballbot_ros.ros import qos
 
 @pytest.fixture
 def bridge(make_node, tmp_path):
-    """Return a bridge whose e-stop is released; of its drive nothing is needed."""
+    """Return a bridge without a drive whose e-stop is released."""
     node = make_node(Bridge, autostart=False, black_box='', port=str(tmp_path / 'nowhere'))
     node._session.supervisor.reset(100.0)
     node._monitor()
@@ -21,7 +21,7 @@ def bridge(make_node, tmp_path):
 
 @pytest.fixture
 def received_late(make_node, spinner):
-    """Return a function that returns what a new subscriber receives."""
+    """Return a function that returns the value that a new subscriber receives."""
     def receive():
         peer, received = make_node(Node, 'late'), []
         peer.create_subscription(Bool, 'e_stop', received.append, qos.LATCHED)
@@ -30,7 +30,7 @@ def received_late(make_node, spinner):
     return receive
 
 
-def test_a_released_one_is_published_as_such(bridge, received_late):
+def test_a_released_e_stop_is_published_as_released(bridge, received_late):
     assert received_late() is False
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Floods of messages that the bridge refuses, and a release before its own e-stop arrived."""
+"""Floods of refused messages, and a release before the bridge has received its own e-stop."""
 import math
 import time
 
@@ -31,7 +31,7 @@ def reading(rate):
     ('command', command(math.nan), 'command'),
     *slow(('command', command(math.inf), 'command'),
           ('_on_imu', reading(math.nan), 'IMU reading'))])
-def test_a_flood_of_messages_that_are_not_finite(
+def test_a_flood_of_non_finite_messages_is_refused_at_a_limited_rate(
         make_node, tmp_path, capfd, send, message, what):
     node = make_node(Bridge, autostart=False, black_box='', control='direct',
                      port=str(tmp_path / 'nowhere'))
@@ -49,12 +49,12 @@ def test_a_flood_of_messages_that_are_not_finite(
     assert node._session.supervisor.torque == 0.0 and gate.accepted == 0
 
 
-def test_a_release_before_its_own_message_of_the_e_stop_has_arrived_is_too_early(
+def test_a_release_is_too_early_before_the_bridge_has_received_its_own_e_stop(
         make_node, spinner, tmp_path, monkeypatch):
     node = make_node(Bridge, autostart=False, black_box='', port=str(tmp_path / 'nowhere'))
-    now, why = [time.monotonic()], []
+    now, reasons = [time.monotonic()], []
     monkeypatch.setattr(node._session, 'clock', lambda: now[0])
-    monkeypatch.setattr(node._session, 'release', why.append)
+    monkeypatch.setattr(node._session, 'release', reasons.append)
     spinner.add(node)
     node._session.supervisor.reset(now[0])
     node._outputs.publish_e_stop(False)
@@ -62,5 +62,5 @@ def test_a_release_before_its_own_message_of_the_e_stop_has_arrived_is_too_early
     node._outputs.publish_e_stop(True)
     now[0] = node._outputs.engaged_at + 1.1 * RELEASE_DELAY
     node._inputs._release()
-    assert why.pop()
-    spinner.until(lambda: why and not why[-1], node._inputs._release)
+    assert reasons.pop()
+    spinner.until(lambda: reasons and not reasons[-1], node._inputs._release)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No stamp is ahead of /clock, and in one graph there is one time, however many simulators."""
+"""No stamp is ahead of /clock, and all simulators of a graph share one time."""
 
 from nav_msgs.msg import Odometry
 import pytest
@@ -24,9 +24,9 @@ TOPICS = (('joint_states', JointState), ('odom', Odometry), ('ball_state', BallS
 
 @pytest.fixture
 def simulators(make_node, spinner):
-    """Return a function that makes simulators by namespace, and one that spins until something."""
+    """Return a function that makes simulators, and one that spins until a condition is true."""
     def make(namespace='', **parameters):
-        # A subscription that the executor has not collected yet has no order of arrival.
+        # Only subscriptions that the executor has collected receive messages in order.
         spinner.executor.spin_once(timeout_sec=0.01)
         node = make_node(Simulator, namespace=namespace, **{'scene': 'flat', **parameters})
         spinner.add(node)
@@ -38,7 +38,7 @@ def simulators(make_node, spinner):
 
 
 class Arrivals:
-    """What one subscriber receives, in order of arrival."""
+    """Messages that one subscriber receives, in order of arrival."""
 
     def __init__(self, node, *namespaces):
         self.now, self.clocks, self.ahead = -1.0, [], []
@@ -73,12 +73,12 @@ def test_no_stamp_is_ahead_of_the_clock_in_order_of_arrival(simulators, paramete
     make(**parameters)
     until(lambda: all(len(found) > 20 for found in arrivals.received.values()))
     assert not arrivals.ahead
-    # And it is not published for nothing.
+    # The clock is not published more often than required.
     assert len(set(arrivals.clocks)) <= 1 + max(map(len, map(set, arrivals.received.values()))) * (
         3 if parameters.get('joint_state_rate') == 250.0 else 1)
 
 
-def test_a_rate_that_is_asked_for_is_kept_and_stamps_are_ahead_by_less_than_its_period(simulators):
+def test_stamps_are_ahead_of_a_clock_with_a_given_rate_by_less_than_its_period(simulators):
     make, until = simulators
     arrivals = Arrivals(make.listener, '')
     make(clock_rate=100.0)
@@ -88,13 +88,13 @@ def test_a_rate_that_is_asked_for_is_kept_and_stamps_are_ahead_by_less_than_its_
 
 
 @pytest.mark.parametrize('seconds', [0.0, 0.002, 12.5, 1e6 + 0.25])
-def test_the_clock_is_serialized_as_the_middleware_does(seconds):
+def test_the_clock_is_serialized_as_by_the_middleware(seconds):
     time_of = to_time(seconds)
     assert CLOCK.pack(CDR, time_of.sec, time_of.nanosec) == serialize_message(
         Clock(clock=time_of))
 
 
-def test_two_robots_have_one_time_and_the_second_never_runs_ahead_of_it(simulators):
+def test_two_robots_share_one_time_and_the_second_never_runs_ahead_of_it(simulators):
     make, until = simulators
     arrivals = Arrivals(make.listener, '/a', '/b')
     follower = make('b', publish_clock=False, real_time_factor=0.0)
@@ -109,10 +109,10 @@ def test_two_robots_have_one_time_and_the_second_never_runs_ahead_of_it(simulato
     assert not mismatches(follower)
 
 
-def test_two_that_both_make_the_time_are_reported_by_name(simulators):
+def test_two_publishers_of_the_clock_are_reported_by_name(simulators):
     make, until = simulators
     first, second = make('a'), make('b')
-    until(lambda: mismatches(first) and mismatches(second))  # they have found each other
+    until(lambda: mismatches(first) and mismatches(second))  # after discovery
     assert mismatches(first)[0].startswith('/b/simulator ')
     assert mismatches(second)[0].startswith('/a/simulator ')
 
@@ -121,7 +121,7 @@ def test_two_that_both_make_the_time_are_reported_by_name(simulators):
 
 @pytest.fixture
 def followed(make_node):
-    """Return a plant, the clock that it follows, and a function that sets that."""
+    """Return a plant, the clock that it follows, and a function that sets that clock."""
     plant = Plant(load_scene('flat'), 500.0)
     clock = FollowedClock(make_node(Node, 'b'), plant)
 
@@ -133,7 +133,7 @@ def followed(make_node):
     return plant, clock, at
 
 
-def test_time_begins_where_the_clock_is_and_goes_on_with_it(followed):
+def test_time_starts_at_the_clock_and_follows_it(followed):
     plant, clock, at = followed
     assert clock.due(0.0) == 0
     assert at(7.25) == 0 and plant.time == 7.25
@@ -141,7 +141,7 @@ def test_time_begins_where_the_clock_is_and_goes_on_with_it(followed):
     assert at(7.2639) == 1 and plant.time == pytest.approx(7.262)  # never ahead
 
 
-def test_a_lag_is_made_up_for_a_long_one_given_up_and_a_clock_set_back_followed(followed):
+def test_a_lag_is_made_up_for_unless_it_is_long_and_a_clock_set_back_is_followed(followed):
     plant, clock, at = followed
     at(1.0)
     assert at(1.9) == 50 and [at(1.9) for _ in range(8)] == [50] * 8

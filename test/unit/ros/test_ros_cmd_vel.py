@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speeds from any publisher; what the speed law does not follow is refused, not half done."""
+"""Speeds from any publisher; components that the speed law does not follow are refused."""
 import math
 
 from geometry_msgs.msg import Twist, TwistStamped
@@ -19,7 +19,7 @@ def stamped(twist):
     return message
 
 
-def test_both_types_give_the_forward_speed_and_the_stamp_that_they_have():
+def test_both_types_give_the_forward_speed_and_any_stamp():
     twist = Twist()
     twist.linear.x = -0.4
     assert speed_set_point(stamped(twist), steers=False) == SetPoint(Mode.SPEED, -0.4, 2.5)
@@ -29,7 +29,7 @@ def test_both_types_give_the_forward_speed_and_the_stamp_that_they_have():
 @pytest.mark.parametrize('kind, axis, unit', OTHER_COMPONENTS)
 @pytest.mark.parametrize('wrap', [stamped, lambda twist: twist])
 @pytest.mark.parametrize('sign', [-1.0, 1.0])
-def test_components_that_are_not_followed_refuse_the_message_above_the_dead_band(
+def test_unsupported_components_above_the_dead_band_refuse_the_message(
         kind, axis, unit, wrap, sign):
     twist = Twist()
     twist.linear.x = 0.4

@@ -35,7 +35,7 @@ def joints(**values):
 
 
 @given(some.integers(0, 2**31 - 1), some.integers(0, 10**9 - 1))
-def test_a_stamp_survives_seconds_to_a_microsecond_and_small_ones_exactly(seconds, nanoseconds):
+def test_a_stamp_survives_conversion_to_a_microsecond_and_small_ones_exactly(seconds, nanoseconds):
     from builtin_interfaces.msg import Time
     stamp = Time(sec=seconds, nanosec=nanoseconds)
     back = conversions.to_time(conversions.to_seconds(stamp))
@@ -54,7 +54,7 @@ def test_a_stamp_survives_seconds_to_a_microsecond_and_small_ones_exactly(second
     (joints(name=['pendulum'], position=[1.0], effort=[1.0]), 'unsupported'),
     (joints(name=['pendulum'], velocity=[1.0]), 'unsupported'),
 ])
-def test_a_command_that_is_none_is_refused_with_a_reason(message, reason):
+def test_an_invalid_command_is_refused_with_a_reason(message, reason):
     with pytest.raises(MessageError) as caught:
         conversions.command_torque(message)
     assert caught.value.reason == reason
@@ -71,7 +71,7 @@ def test_nan_in_a_command_means_not_given():
     (joints(name=['pendulum'], position=[math.nan], velocity=[2.0]), Mode.DRIVE, 2.0),
     (joints(name=['pendulum']), Mode.IDLE, 0.0),
 ])
-def test_the_mode_of_a_set_point_is_that_of_its_field(message, mode, value):
+def test_the_field_of_a_set_point_selects_its_mode(message, mode, value):
     found = conversions.set_point(message, steers=False)
     assert (found.mode, found.value) == (mode, value)
 
@@ -81,13 +81,13 @@ def test_the_mode_of_a_set_point_is_that_of_its_field(message, mode, value):
     joints(name=['pendulum'], position=[math.inf]),
     joints(name=['shell'], position=[0.3]),
 ])
-def test_a_set_point_that_is_none_is_refused(message):
+def test_an_invalid_set_point_is_refused(message):
     with pytest.raises(MessageError):
         conversions.set_point(message, steers=False)
 
 
 @given(some.builds(State, *[some.floats(-50, 50)] * 9))
-def test_readings_give_back_the_angles_of_the_state(state):
+def test_readings_return_the_angles_of_the_state(state):
     found = conversions.readings(
         joint_state_message(state._replace(time=1.0), 0.5, True))
     assert found.pendulum_angle == pytest.approx(state.pendulum_angle, abs=1e-12)
@@ -134,14 +134,14 @@ def test_every_parameter_is_described_and_every_number_has_a_finite_range(cls):
     joints(name=['pendulum'], position=[math.nan], velocity=[math.nan]),
     joints(name=['pendulum'], velocity=[-math.inf]),
 ])
-def test_a_set_point_that_says_nothing_finite_does_not_take_the_torque_away(message):
+def test_a_set_point_without_a_finite_value_is_refused(message):
     with pytest.raises(MessageError) as caught:
         conversions.set_point(message, steers=False)
     assert caught.value.reason == 'not_finite'
 
 
 @given(some.floats(-3.0, 3.0), some.floats(0.0, 1e6), some.floats(-1.0, 1.0))
-def test_a_set_point_comes_back_as_it_was_sent(angle, stamp, yaw_rate):
+def test_a_set_point_survives_conversion(angle, stamp, yaw_rate):
     found = conversions.set_point(
         conversions.set_point_message(conversions.to_time(stamp), angle, yaw_rate), steers=True)
     assert (found.mode, found.value, found.yaw_rate) == (Mode.HOLD, angle, yaw_rate)
@@ -155,7 +155,7 @@ def test_a_robot_that_drives_straight_refuses_a_set_point_with_a_yaw_rate():
     assert (caught.value.reason, caught.value.field) == ('other_axes', 'velocity')
 
 
-def test_a_command_is_found_by_its_name_not_its_place():
+def test_a_command_is_found_by_its_name_not_its_index():
     message = joints(name=['wheel', 'pendulum', 'shell'], effort=[1.0, 2.0, 3.0])
     assert conversions.command_torque(message) == 2.0
 
@@ -170,14 +170,14 @@ STATE = {'name': ['shell', 'pendulum'], 'position': [0.1, 0.2], 'velocity': [0.3
     ({'name': ['wheel', 'pendulum']}, 'unknown_joint'), ({'name': ['shell']}, 'wrong_length'),
     ({'position': [0.1]}, 'wrong_length'), ({'velocity': []}, 'wrong_length'),
     ({'position': [math.nan, 0.2]}, 'not_finite'), ({'velocity': [0.3, math.inf]}, 'not_finite')])
-def test_readings_that_are_incomplete_are_refused(change, reason):
+def test_invalid_readings_are_refused(change, reason):
     with pytest.raises(MessageError) as caught:
         conversions.readings(joints(**{**STATE, **change}))
     assert caught.value.reason == reason
 
 
 @given(some.builds(State, *[some.floats(-50, 50)] * 9))
-def test_odometry_gives_back_place_and_speed(state):
+def test_odometry_returns_position_and_speed(state):
     message = conversions.odometry_message(state._replace(time=2.5), FRAMES)
     assert conversions.motion(message) == (
         type(conversions.motion(message))(2.5, state.x, state.velocity_x))
@@ -229,7 +229,7 @@ def test_the_ball_state_holds_the_values_of_the_model():
 
 
 @given(*[some.floats(allow_nan=True, allow_infinity=True)] * 4, some.booleans())
-def test_an_observation_is_passed_on_as_it_is_for_the_tracker_to_judge(
+def test_an_observation_is_passed_to_the_tracker_unchanged(
         distance, height, distance_sd, height_sd, detected):
     found = conversions.observation(StepObservation(
         detected=detected, distance=distance, height=height, distance_sd=distance_sd,
@@ -250,7 +250,7 @@ def test_a_decision_without_a_step_has_height_0_and_nan_for_unknown_values():
 @given(some.lists(some.floats(allow_nan=True, allow_infinity=True), max_size=3),
        some.lists(some.floats(allow_nan=True, allow_infinity=True), max_size=3),
        some.floats(allow_nan=True, allow_infinity=True), some.text(max_size=9))
-def test_a_polyline_is_passed_on_as_it_is_for_the_tracker_to_judge(x, z, x_max, frame):
+def test_a_polyline_is_passed_to_the_tracker_unchanged(x, z, x_max, frame):
     message = TerrainObservation(x=x, z=z, z_sd=z, x_min=-1.0, x_max=x_max)
     message.header.frame_id = frame
     message.header.stamp = conversions.to_time(2.5)
@@ -266,7 +266,7 @@ def test_terrain_observations_are_stamped_and_in_the_level_frame():
         1.5, sight.x, sight.z, sight.z_sd, sight.x_min, sight.x_max)
 
 
-def test_names_of_any_length_make_a_short_error():
+def test_names_of_any_length_give_a_short_error():
     with pytest.raises(MessageError) as caught:
         conversions.command_torque(joints(name=['x' * 100000], effort=[1.0]))
     assert caught.value.reason == 'unknown_joint' and len(str(caught.value)) < 400

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Of whose health a status is, and when."""
+"""Name, hardware ID and stamp of a diagnostic status."""
 from types import SimpleNamespace
 
 import pytest
@@ -11,7 +11,7 @@ from ballbot_ros.ros.conversions import to_time
 
 @pytest.fixture
 def published(monkeypatch):
-    """Return what is published on /diagnostics."""
+    """Return the messages published on /diagnostics."""
     found = []
     monkeypatch.setattr(diagnostics, 'create_publisher', lambda node, topic: (
         SimpleNamespace(publish=found.append)))
@@ -28,7 +28,7 @@ def test_two_robots_differ_in_name_and_hardware_id(make_node, published):
         'left/simulator: simulation', 'right/simulator: simulation']
 
 
-def test_the_health_of_a_simulation_is_of_the_time_that_it_makes(make_node, published):
+def test_the_health_of_a_simulation_has_the_stamp_of_simulated_time(make_node, published):
     node = make_node(Simulator, start_paused=True, scene='flat')
     node._plant.advance(0.0)
     node._diagnostics.publish()

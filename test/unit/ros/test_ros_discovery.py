@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node is open to the network only where the user has opened it."""
+"""A node is visible to the network only if the user has configured it so."""
 from pathlib import Path
 import re
 import subprocess
@@ -18,7 +18,7 @@ from ballbot_ros.ros.run import run
 class Speaking(Node):
     def __init__(self):
         super().__init__('speaking')
-        # Once it spins: one that is stopped while it is made says nothing.
+        # Print only when it spins: a node stopped during its construction prints nothing.
         self._timer = self.create_timer(0.01, self._say)
 
     def _say(self):
@@ -28,7 +28,7 @@ class Speaking(Node):
 sys.exit(run(Speaking, []))
 """
 DOMAIN = 231
-# RTPS gives each domain 250 ports, in which all that it receives comes in.
+# RTPS assigns 250 ports to each domain, which receive all its messages.
 PORTS = range(7400 + 250 * DOMAIN, 7650 + 250 * DOMAIN)
 
 
@@ -46,7 +46,7 @@ def addresses(pid):
                 yield protocol, address, int(port, 16)
 
 
-def test_a_node_that_was_not_opened_receives_from_this_machine_only(monkeypatch):
+def test_by_default_a_node_receives_from_this_machine_only(monkeypatch):
     for name in (*discovery.DISCOVERY_VARIABLES, *discovery.FAST_DDS_VARIABLES):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv('ROS_DOMAIN_ID', str(DOMAIN))
@@ -69,7 +69,7 @@ def test_a_node_that_was_not_opened_receives_from_this_machine_only(monkeypatch)
     {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}, {'ROS_STATIC_PEERS': '192.0.2.7'},
     {'ROS_LOCALHOST_ONLY': '0'}, {'ROS_DISCOVERY_SERVER': '192.0.2.7:11811'},
     {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_STATIC_PEERS': '192.0.2.7'}])
-def test_the_discovery_range_of_the_user_stays_and_is_named(choice):
+def test_the_discovery_range_of_the_user_is_kept_and_named(choice):
     environment = dict(choice)
     said = discovery.apply(environment)
     assert environment == choice
@@ -77,7 +77,7 @@ def test_the_discovery_range_of_the_user_stays_and_is_named(choice):
     assert 'this machine' not in said
 
 
-def test_a_process_limited_to_this_machine_gets_no_socket_elsewhere_either():
+def test_a_process_limited_to_this_machine_gets_the_profiles_of_fast_dds():
     for choice in ({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}, {'ROS_LOCALHOST_ONLY': '1'}):
         environment = dict(choice)
         assert 'this machine only' in discovery.apply(environment)
@@ -86,7 +86,7 @@ def test_a_process_limited_to_this_machine_gets_no_socket_elsewhere_either():
         assert environment == choice
 
 
-def test_a_variable_that_is_empty_chooses_nothing_and_settings_of_the_user_stay():
+def test_an_empty_variable_is_ignored_and_settings_of_the_user_are_kept():
     environment = {'ROS_STATIC_PEERS': '', 'FASTDDS_DEFAULT_PROFILES_FILE': '/my/own.xml'}
     discovery.apply(environment)
     assert environment.pop('ROS_AUTOMATIC_DISCOVERY_RANGE') == 'LOCALHOST'

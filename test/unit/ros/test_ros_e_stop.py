@@ -45,7 +45,7 @@ def test_a_release_that_was_requested_before_the_e_stop_engaged_is_refused(make_
     session, inputs, outputs = node._session, node._inputs, node._outputs
     session._wanted, session._inhibit = Wanted.ACTIVE, lambda: ('', '')
     time.sleep(1.1 * RELEASE_DELAY)
-    inputs._on_e_stop(True)  # its own message of the start
+    inputs._on_e_stop(True)  # its own message from the start
     assert inputs._release() and not session.supervisor.e_stop
     outputs.publish_e_stop(False)
     session.engage('test')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that cannot understand each other are reported by name, with what does not match."""
+"""Incompatible endpoints are reported with the names of their nodes and the mismatch."""
 from types import SimpleNamespace
 
 from geometry_msgs.msg import Twist
@@ -18,14 +18,14 @@ def pair(make_node):
 
 
 def endpoint(name, kind):
-    """Return the information on an endpoint in another process; in one, types must agree."""
+    """Return information on an endpoint in another process; within one, types must agree."""
     return SimpleNamespace(node_name=name, node_namespace='/a', topic_type=kind,
                            qos_profile=QoSProfile(depth=1))
 
 
 @pytest.mark.parametrize('published', ['Twist', 'TwistStamped'])
 @pytest.mark.parametrize('own', ['robot', 'teleop', 'onlooker'])
-def test_another_type_of_a_topic_is_reported_with_both_types(own, published):
+def test_a_type_mismatch_is_reported_with_both_types(own, published):
     kinds = ['geometry_msgs/msg/Twist', 'geometry_msgs/msg/TwistStamped']
     sent = f'geometry_msgs/msg/{published}'
     kinds.remove(sent)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What compiles says so, once, and what compiles too late is a warning."""
+"""Compilation is reported once, and compilation after the start is a warning."""
 import pytest
 
 from ballbot_ros import compile_notice, jit as compiled
@@ -11,7 +11,7 @@ pytestmark = pytest.mark.skipif(not compiled.COMPILED, reason='nothing is compil
 
 @pytest.fixture
 def kernel(monkeypatch, tmp_path):
-    """Return a function that returns a kernel, as another process would have it."""
+    """Return a function that returns a kernel as in a new process."""
     monkeypatch.setattr(compiled, '_FOLDER', str(tmp_path))
     monkeypatch.setattr(compiled, '_callbacks', [])
 
@@ -22,65 +22,65 @@ def kernel(monkeypatch, tmp_path):
 
 @pytest.fixture
 def start(kernel):
-    """Return a start, and its messages and warnings."""
+    """Return a `FirstStart`, its messages and its warnings."""
     messages, warned = [], []
     return FirstStart(messages.append, warned.append), messages, warned
 
 
 @pytest.fixture
-def patient(monkeypatch, kernel):
+def reporting(monkeypatch, kernel):
     """Return the same function; each compilation is reported immediately."""
     monkeypatch.setattr(compiled, '_notice', CompileNotice())
     monkeypatch.setattr(compile_notice, 'REPORT_AFTER', -1.0)
     return kernel
 
 
-def test_a_compilation_in_a_program_is_explained_once(patient, caplog):
+def test_a_compilation_in_a_program_is_explained_once(reporting, caplog):
     for argument in (1.0, 1, 1j):
-        patient()(argument)
+        reporting()(argument)
     assert [record.message for record in caplog.records] == [compile_notice.COMPILING_NOTICE]
     assert caplog.records[0].levelname == 'WARNING'
 
 
-def test_a_short_compilation_is_not_reported(patient, monkeypatch, caplog):
+def test_a_short_compilation_is_not_reported(reporting, monkeypatch, caplog):
     monkeypatch.setattr(compile_notice, 'REPORT_AFTER', 1e9)
-    patient()(1.0)
+    reporting()(1.0)
     assert not caplog.records and compiled._notice.spent > 0.0
 
 
-def test_a_program_that_shows_compilations_gets_their_number_and_no_warning(patient, caplog):
+def test_a_program_that_shows_compilations_gets_their_number_and_no_warning(reporting, caplog):
     reports = []
     compile_notice.on_compiling(lambda done, more: reports.append((done, more)))
     try:
         for argument in (1.0, 1):
-            patient()(argument)
+            reporting()(argument)
     finally:
         compile_notice.on_compiling(None)
     assert reports == [(0, True), (1, False), (1, True), (2, False)]
     assert not caplog.records
 
 
-def test_cached_kernels_are_not_reported_as_compiled(patient, caplog):
-    patient()(1.0)
+def test_cached_kernels_are_not_reported_as_compiled(reporting, caplog):
+    reporting()(1.0)
     caplog.clear()
     compiled._notice._warned = False
-    patient()(1.0)
+    reporting()(1.0)
     assert not caplog.records
 
 
-def test_a_node_says_it_in_its_own_words_only(patient, start, caplog):
-    patient()(1.0)
+def test_a_node_logs_only_its_own_message(reporting, start, caplog):
+    reporting()(1.0)
     assert start[1] == [COMPILING_NOTICE] and not caplog.records
 
 
-def test_the_first_compilation_is_reported_and_no_other(kernel, start):
+def test_only_the_first_compilation_is_reported(kernel, start):
     _, messages, warned = start
     for argument in (1.0, 1, 2.0):
         kernel()(argument)
         assert messages == [COMPILING_NOTICE] and not warned
 
 
-def test_a_kernel_from_the_cache_gives_no_message_but_that_the_node_is_ready(kernel, start):
+def test_a_cached_kernel_causes_no_message_except_that_the_node_is_ready(kernel, start):
     kernel()(1.0)
     start[1].clear()
     again = FirstStart(start[1].append, start[2].append)
@@ -90,7 +90,7 @@ def test_a_kernel_from_the_cache_gives_no_message_but_that_the_node_is_ready(ker
     assert 'compiled' not in messages[0]
 
 
-def test_how_much_was_compiled_is_reported_when_it_is_ready(kernel, start):
+def test_the_number_of_compiled_kernels_is_reported_when_the_node_is_ready(kernel, start):
     first, messages, _ = start
     kernel()(1.0)
     first.ready()

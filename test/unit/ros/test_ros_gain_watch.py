@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A planning node reports when the gains of its plans are no longer those in force."""
+"""A planning node reports when the controller no longer uses the gains of its plans."""
 import pytest
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
@@ -35,7 +35,7 @@ def test_other_gains_of_the_controller_are_logged_with_the_remedy(decision, capf
     assert '(tuning gentle)' in capfd.readouterr().err
 
 
-def test_gains_of_others_other_parameters_and_the_same_tuning_are_nothing_to_say(decision, capfd):
+def test_irrelevant_parameter_events_are_not_logged(decision, capfd):
     watch = GainWatch(decision)
     watch.on_event(event('/left/controller', gains__position_kp=30.0))
     watch.on_event(event('/controller', state_timeout=0.2))

@@ -17,10 +17,10 @@ from ballbot_ros.ros import qos
 
 
 class Graph:
-    """Simulator, controller and decision in lockstep, as fast as it goes, and a client."""
+    """Simulator, controller and decision in lockstep at maximum speed, and a client."""
 
     def __init__(self, spinner, make_node, scene, planner):
-        """Start them; the ball stands until there is a goal."""
+        """Start the nodes; the ball rests until the first goal."""
         self.node = make_node(Client)
         self.simulator = make_node(
             Simulator, scene=scene, lockstep=True, real_time_factor=0.0, lockstep_timeout=60.0)
@@ -36,7 +36,7 @@ class Graph:
         return future.result()
 
     def send(self, kind, **fields):
-        """Send a goal and return its handle; feedback is noted."""
+        """Send a goal, return its handle, and record its feedback."""
         client = self.node.clients_of[kind]
         self.wait(client.server_is_ready)
         self.node.feedback.clear()
@@ -50,7 +50,7 @@ class Graph:
 
     @property
     def speed(self):
-        """Of the ball, by odometry [m/s]."""
+        """Return the speed of the ball from odometry [m/s]."""
         return self.node.odometry.twist.twist.linear.x
 
 
@@ -58,7 +58,7 @@ class Client(Node):
     """A client that sends goals."""
 
     def __init__(self, **kwargs):
-        """Listen to odometry."""
+        """Subscribe to odometry."""
         super().__init__('client', **kwargs)
         self.odometry, self.feedback = None, []
         self.clients_of = {kind: ActionClient(self, kind, f'obstacle_decision/{name}')
@@ -103,7 +103,7 @@ def test_a_step_is_crossed_and_the_next_one_of_80_mm_refused(start, two_steps):
     assert result.decision in (StepDecision.DECISION_STOP, StepDecision.DECISION_GO_ROUND)
 
 
-def test_a_canceled_goal_ends_in_rest(start):
+def test_a_canceled_goal_ends_at_rest(start):
     graph = start('flat')
     handle = graph.send(DriveTo, target=5.0, relative=True, speed_limit=0.3)
     graph.wait(lambda: graph.speed > 0.2)
@@ -114,7 +114,7 @@ def test_a_canceled_goal_ends_in_rest(start):
     assert result.remaining == pytest.approx(5.0 - result.position, abs=0.02)
 
 
-def test_an_e_stop_during_a_goal_aborts_it_and_none_is_taken_until_the_robot_may_go_on(start):
+def test_an_e_stop_aborts_a_goal_and_new_goals_are_refused_until_resume(start):
     graph = start('flat')
     handle = graph.send(DriveTo, target=5.0, relative=True)
     graph.wait(lambda: graph.speed > 0.1)
@@ -132,7 +132,7 @@ def test_an_e_stop_during_a_goal_aborts_it_and_none_is_taken_until_the_robot_may
 
 
 @pytest.mark.slow
-def test_the_rollout_planner_takes_the_step_of_31_mm_for_a_goal(start):
+def test_the_rollout_planner_crosses_the_step_of_31_mm_for_a_goal(start):
     graph = start('doorstep', planner='rollout')
     status, result = graph.result(graph.send(CrossStep))
     assert (status, result.outcome) == (GoalStatus.STATUS_SUCCEEDED, result.OUTCOME_CROSSED)

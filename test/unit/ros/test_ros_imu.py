@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node imu on a pseudo-terminal, with a sensor in software at the other end."""
+"""The node imu with an emulated sensor on a pseudo-terminal."""
 import threading
 import time
 from types import SimpleNamespace
@@ -44,7 +44,7 @@ class Sensor:
                 self.device.receive(received)
 
     def end(self):
-        """Unplug."""
+        """Unplug the sensor."""
         self._ending.set()
         self._thread.join()
         self.terminal.unplug()
@@ -52,7 +52,7 @@ class Sensor:
 
 @pytest.fixture
 def sensor():
-    """Return a sensor as it leaves the factory."""
+    """Return a sensor with factory settings."""
     found = Sensor()
     yield found
     found.end()
@@ -60,7 +60,7 @@ def sensor():
 
 @pytest.fixture
 def published(monkeypatch):
-    """Return what is published."""
+    """Return the published messages."""
     found = []
     monkeypatch.setattr(imu, 'create_publisher', lambda *_: SimpleNamespace(
         publish=found.append, get_subscription_count=lambda: 1))
@@ -68,7 +68,7 @@ def published(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_sensor_from_the_factory_becomes_a_topic_that_the_bridge_takes(
+def test_a_sensor_with_factory_settings_gives_messages_that_the_bridge_accepts(
         make_node, sensor, published):
     sensor.device.turn_rate = (0.0, 0.25, 0.0)
     node = make_node(ImuNode, port=sensor.terminal.path)
@@ -91,13 +91,13 @@ def test_a_sensor_from_the_factory_becomes_a_topic_that_the_bridge_takes(
 
 
 def output_of(make_node, source, monkeypatch):
-    """Return an output whose source is that of a test, with its node."""
+    """Return an output with a node and the given source."""
     monkeypatch.setattr(imu, 'open_source', lambda port: source)
     return imu.ImuOutput(make_node(Node, 'imu'), ImuPort(port='here'))
 
 
 class Source:
-    """A source with readings that a test sets."""
+    """A source whose counts, trouble and error the test sets."""
 
     def __init__(self):
         self.counts = dict.fromkeys((
@@ -106,7 +106,7 @@ class Source:
         self.trouble, self.error = '', None
 
     def read(self, timeout):
-        """Return nothing, or raise."""
+        """Return one reading, or raise `error`."""
         time.sleep(0.01)
         if self.error is not None:
             raise self.error
@@ -134,7 +134,7 @@ def test_health_names_the_failure_and_has_every_value_of_the_table(
         output.end()
 
 
-def test_an_error_in_the_thread_is_the_nodes_failure(make_node, published, monkeypatch):
+def test_an_error_in_the_thread_is_the_failure_of_the_node(make_node, published, monkeypatch):
     source = Source()
     output = output_of(make_node, source, monkeypatch)
     source.error = RuntimeError('a bug')
@@ -154,7 +154,7 @@ def test_impossible_settings_are_refused_at_the_start(make_node, parameters, rea
 
 
 @pytest.mark.slow
-def test_the_bridge_reads_a_sensor_itself_where_its_hardware_file_has_the_port(
+def test_the_bridge_reads_a_sensor_itself_if_its_hardware_file_has_the_port(
         make_node, sensor, tmp_path):
     sensor.device.turn_rate = (0.0, 0.25, 0.0)
     content = yaml.safe_load((config_folder() / 'hardware' / 'gimball_odrive.yaml').read_text())

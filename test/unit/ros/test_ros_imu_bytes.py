@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""IMU messages read from bytes are those of the middleware."""
+"""IMU messages read from bytes equal those of the middleware."""
 from hypothesis import given, strategies
 import pytest
 from rclpy.serialization import serialize_message
@@ -16,16 +16,16 @@ def imu(values, frame='imu'):
     message = Imu(orientation_covariance=values[4:13], angular_velocity_covariance=values[16:25],
                   linear_acceleration_covariance=values[28:])
     message.header.stamp, message.header.frame_id = to_time(1234.5), frame
-    for place, names in ((0, 'xyzw'), (13, 'xyz'), (25, 'xyz')):
+    for index, names in ((0, 'xyzw'), (13, 'xyz'), (25, 'xyz')):
         part = {0: message.orientation, 13: message.angular_velocity,
-                25: message.linear_acceleration}[place]
-        for name, value in zip(names, values[place:]):
+                25: message.linear_acceleration}[index]
+        for name, value in zip(names, values[index:]):
             setattr(part, name, value)
     return message
 
 
 @given(numbers, strategies.text('abc/', max_size=9))
-def test_read_messages_are_those_of_the_middleware(values, frame):
+def test_read_messages_equal_those_of_the_middleware(values, frame):
     message = imu(values, frame)
     found = read(Imu, serialize_message(message))
     assert isinstance(found, ReceivedImu)
@@ -37,14 +37,14 @@ def test_read_messages_are_those_of_the_middleware(values, frame):
             getattr(message, f'{what}_covariance'))
 
 
-def test_the_reading_is_that_of_the_message(monkeypatch):
+def test_the_reading_equals_that_of_the_message(monkeypatch):
     monkeypatch.setattr(Clocks, '_ahead', 1000.0)
     message = imu([0.01 * number for number in range(37)])
     assert imu_reading(read(Imu, serialize_message(message)), Clocks()) == imu_reading(
         message, Clocks())
 
 
-def test_bytes_that_are_no_imu_message_are_refused():
+def test_truncated_bytes_are_refused():
     data = serialize_message(imu([0.0] * 37))
     for part in (b'', data[:3], data[:30]):
         with pytest.raises((RuntimeError, ValueError)):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A lifecycle node that no request ends, and that starts by itself unless a request came first."""
+"""A lifecycle node survives all requests, and starts by itself unless a request came first."""
 import random
 
 from lifecycle_msgs.msg import Transition
@@ -9,14 +9,14 @@ from rclpy.node import Node
 
 from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
 
-# What a client may ask for, shutdown left out; and what no client ever should.
+# Transitions that a client may request, except shutdown, and invalid ones.
 TRANSITIONS = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP,
                Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE,
                Transition.TRANSITION_DESTROY, Transition.TRANSITION_ON_CONFIGURE_SUCCESS, 99)
 
 
 class Machine(ManagedNode):
-    """Configures only once there is a drive."""
+    """A node that configures only with a drive."""
 
     drive = True
 
@@ -26,7 +26,7 @@ class Machine(ManagedNode):
 
 @pytest.fixture
 def machine(make_node, spinner):
-    """Return a node, and a function that asks it for a transition and returns the answer."""
+    """Return a node, and a function that requests a transition and returns its success."""
     node, peer = make_node(Machine, 'machine'), make_node(Node, 'peer')
     spinner.add(node, peer)
     client = peer.create_client(ChangeState, 'machine/change_state')
@@ -40,7 +40,7 @@ def machine(make_node, spinner):
     return node, ask
 
 
-def test_three_hundred_random_transitions_end_nothing(machine):
+def test_a_node_survives_three_hundred_random_transitions(machine):
     node, ask = machine
     choose = random.Random(1)
     assert 30 < sum(ask(choose.choice(TRANSITIONS)) for _ in range(300)) < 200
@@ -60,7 +60,7 @@ def test_a_refusal_names_the_possible_transitions(machine, capfd):
         in printed
 
 
-def test_it_starts_by_itself_as_soon_as_that_works(machine):
+def test_a_node_starts_by_itself_as_soon_as_possible(machine):
     node, _ = machine
     node.drive = False
     start = Autostart(node)
@@ -70,7 +70,7 @@ def test_it_starts_by_itself_as_soon_as_that_works(machine):
     assert node.state_label == 'active'
 
 
-def test_a_start_that_came_half_way_goes_on(machine):
+def test_a_partial_start_is_completed(machine):
     node, _ = machine
     assert node.trigger_configure() is SUCCESS
     assert node.start() and node.state_label == 'active'
@@ -79,7 +79,7 @@ def test_a_start_that_came_half_way_goes_on(machine):
 @pytest.mark.parametrize('asked, left', [
     (Transition.TRANSITION_CONFIGURE, 'inactive'),
     (Transition.TRANSITION_UNCONFIGURED_SHUTDOWN, 'finalized')])
-def test_after_a_request_for_a_state_it_is_left_there(machine, asked, left):
+def test_a_request_for_a_state_ends_the_autostart(machine, asked, left):
     node, ask = machine
     node.drive = False
     start = Autostart(node)
@@ -89,7 +89,7 @@ def test_after_a_request_for_a_state_it_is_left_there(machine, asked, left):
     assert node.state_label == left and start._timer.is_canceled()
 
 
-def test_a_failed_request_stops_no_start(machine):
+def test_a_failed_request_does_not_end_the_autostart(machine):
     node, ask = machine
     node.drive = False
     start = Autostart(node)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page beside running nodes: it shows, it drives while a user holds, and delays no node."""
+"""The live page shows running nodes, drives them while a client attends, and delays none."""
 from threading import Event, Thread
 from types import SimpleNamespace
 
@@ -55,14 +55,14 @@ def link():
 
 @pytest.fixture
 def source(link):
-    """Return what looks at it, with two frames."""
+    """Return a source of this link with two frames."""
     source = LiveSource(link=link)
     for stamp in (5.0, 5.01):
         source.receive('ball_state', state(stamp, stamp))
     return source
 
 
-def test_new_frames_are_shown_and_old_ones_can_be_sought(source):
+def test_new_frames_are_shown_and_seek_returns_to_old_ones(source):
     assert source.shown.time == pytest.approx(5.01) and source.health.running
     source.apply('seek', 5.0)
     assert source.shown.x == 5.0 and source.controls['pause'].value is True
@@ -70,14 +70,14 @@ def test_new_frames_are_shown_and_old_ones_can_be_sought(source):
     assert source.shown.x == pytest.approx(5.01)
 
 
-def test_a_clock_that_counts_from_1970_begins_at_0(link):
+def test_a_clock_that_counts_from_1970_is_shown_from_0(link):
     source = LiveSource(link=link)
     for stamp in (1.7e9, 1.7e9 + 0.5):
         source.receive('ball_state', state(stamp))
     assert source.span == (0.0, pytest.approx(0.5))
 
 
-def test_a_repeated_state_counts_once_and_time_that_begins_again_is_another_epoch(source, link):
+def test_a_repeated_state_counts_once_and_a_restart_of_time_is_a_new_epoch(source, link):
     source.receive('ball_state', state(5.01))
     assert len(source.history(-1.0)) == 2
     epoch = source.epoch
@@ -92,11 +92,11 @@ def test_a_simulator_is_paused_stepped_and_reset(source, link):
     for name, value in (('pause', True), ('step', 0.1), ('pause', False), ('reset', True)):
         source.apply(name, value)
     assert link.calls == [('trigger', 'simulator/pause'), ('step', 25),
-                         ('trigger', 'simulator/resume'), ('trigger', 'simulator/reset')]
+                          ('trigger', 'simulator/resume'), ('trigger', 'simulator/reset')]
     assert source.shown is None
 
 
-def test_a_bridge_is_not_paused_only_its_display_is():
+def test_pause_stops_only_the_display_of_a_bridge():
     link = Link(nodes=('bridge',))
     source = LiveSource(link=link)
     source.receive('ball_state', state(1.0, 1.0))
@@ -146,7 +146,7 @@ def test_a_law_is_held_and_released(source, link):
 @pytest.mark.parametrize('link, says', [
     (Link(drivers=('obstacle_decision',)), 'obstacle_decision publishes set-points'),
     (Link(followers=0), 'no node subscribes to set-points')])
-def test_the_page_drives_neither_against_another_nor_without_a_follower(link, says):
+def test_the_page_does_not_drive_with_another_publisher_or_without_a_subscriber(link, says):
     with refused('unavailable', 'law') as caught:
         LiveSource(link=link).apply('law', 'speed')
     assert says in str(caught.value)
@@ -174,16 +174,16 @@ def test_a_click_on_the_floor_is_a_goal_on_the_map_if_a_navigator_runs(link, sou
         page._draw(whole=True)
         stage, controls = page._stage, page._controls
         x, y, z = stage._world.position
-        place = stage.point_at((2.0 + x, 1.0 + y, 5.0 + z), (0.0, 0.1, -1.0))
-        assert place == pytest.approx((2.0, 1.5))
+        point = stage.point_at((2.0 + x, 1.0 + y, 5.0 + z), (0.0, 0.1, -1.0))
+        assert point == pytest.approx((2.0, 1.5))
         assert stage.point_at((2.0 + x, 1.0 + y, 5.0 + z), (0.0, 9.0, -1.0)) is None
         assert stage.point_at((2.0 + x, 1.0 + y, 5.0 + z), (0.0, 0.0, 1.0)) is None
-        controls.go_to(place, event)
+        controls.go_to(point, event)
         assert said == ['Refused'] and 'navigator' in source.controls['goal'].refusal
         link.presence = Presence(frozenset({'simulator', 'navigator'}), ('navigator',), 1)
-        controls.go_to(place, event)
+        controls.go_to(point, event)
         controls.go_to(None, event)
-        assert link.calls == [('go_to', *place, 'map')] and said == ['Refused', 'Goal']
+        assert link.calls == [('go_to', *point, 'map')] and said == ['Refused', 'Goal']
     finally:
         page._server.end()
 
@@ -195,7 +195,7 @@ SETTINGS = {'scene': 'fig7_top', 'robot': '', 'control_rate': 250.0, 'floor': ''
 
 
 class Robot:
-    """A node with the name and the ends of a simulator, in a thread of its own."""
+    """A node with the name and the endpoints of a simulator, in a separate thread."""
 
     def __init__(self, kind=TwistStamped):
         self.context = Context()
@@ -227,7 +227,7 @@ class Robot:
 
 @pytest.fixture
 def domain(monkeypatch):
-    """Use a domain of this process, on this machine."""
+    """Use a ROS domain of this process, limited to this machine."""
     monkeypatch.setattr(discovery, 'apply', lambda _: '')
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     monkeypatch.setenv('ROS_DOMAIN_ID', str(own_domain()))
@@ -242,71 +242,71 @@ def robot(domain):
 
 
 @pytest.mark.slow
-def test_a_spectator_receives_learns_calls_and_drives_as_long_as_a_client_attends(
+def test_a_spectator_receives_and_calls_and_drives_while_a_client_attends(
         domain, robot, monkeypatch):
     monkeypatch.setattr(spectator, 'GRAPH_PERIOD', 0.1)
     received, learned = [], {}
-    looking = Spectator('left', lambda *words: received.append(words), learned.__setitem__)
-    looking.start()
+    viewer = Spectator('left', lambda *words: received.append(words), learned.__setitem__)
+    viewer.start()
     try:
-        wait_until(lambda: learned and looking.presence.followers)
+        wait_until(lambda: learned and viewer.presence.followers)
         assert learned == {'simulator': SETTINGS}
         wait_until(lambda: robot.states.publish(state(1.5, 0.7)) or received)
         assert received[0][0] == 'ball_state' and received[0][1].x == 0.7
-        looking.trigger('simulator/pause')
+        viewer.trigger('simulator/pause')
         assert robot.paused.is_set()
 
-        looking.go_to(2.0, 3.0, 'map')
+        viewer.go_to(2.0, 3.0, 'map')
         wait_until(lambda: robot.goals)
         assert robot.goals[0].header.frame_id == 'map' and robot.goals[0].pose.position.y == 3.0
 
         def driven():
-            looking.attend()
+            viewer.attend()
             return robot.speeds
-        looking.hold_speed(0.3)
+        viewer.hold_speed(0.3)
         wait_until(driven)
         assert robot.speeds[0].twist.linear.x == 0.3
-        wait_until(lambda: not looking.holding)  # the browser is closed
+        wait_until(lambda: not viewer.holding)  # the browser is closed
         wait_until(lambda: not robot.node.count_publishers('cmd_vel'))
     finally:
-        looking.close()
+        viewer.close()
 
 
-def test_a_follower_of_twists_is_sent_one_also_where_that_is_found_out_late(domain):
-    looking = Spectator('left', lambda *_: None, lambda *_: None)
-    looking.start()
-    looking.attend()
-    looking.hold_speed(0.4)
-    wait_until(lambda: looking.attend() or looking._speeds is not None)  # no follower yet
+def test_a_late_subscriber_of_twist_receives_twist(domain):
+    viewer = Spectator('left', lambda *_: None, lambda *_: None)
+    viewer.start()
+    viewer.attend()
+    viewer.hold_speed(0.4)
+    wait_until(lambda: viewer.attend() or viewer._speeds is not None)  # no follower yet
     robot = Robot(Twist)
     try:
-        wait_until(lambda: looking.attend() or robot.speeds)
+        wait_until(lambda: viewer.attend() or robot.speeds)
         assert robot.speeds[0] == Twist(linear=Vector3(x=0.4))
     finally:
-        looking.close()
+        viewer.close()
         robot.close()
 
 
-def test_a_page_that_hangs_never_slows_the_one_who_publishes(domain, robot):
-    hangs, goes_on = Event(), Event()
+def test_a_page_that_hangs_does_not_delay_the_publisher(domain, robot):
+    hangs, resumes = Event(), Event()
 
     def receive(*_):
         hangs.set()
-        goes_on.wait()
+        resumes.wait()
 
-    looking = Spectator('left', receive, lambda *_: None)
-    looking.start()
+    viewer = Spectator('left', receive, lambda *_: None)
+    viewer.start()
     try:
         wait_until(lambda: robot.states.publish(state(0.0)) or hangs.is_set())
         for number in range(5000):  # more than any queue holds
             robot.states.publish(state(0.01 * number))
-        assert not goes_on.is_set()
+        assert not resumes.is_set()
     finally:
-        goes_on.set()
-        looking.close()
+        resumes.set()
+        viewer.close()
 
 
-def test_a_namespace_that_is_none_is_refused(domain):
+def test_an_invalid_namespace_is_refused(domain):
     with refused('wrong_type', '--namespace'):
         Spectator('not a name', lambda *_: None, lambda *_: None)
 

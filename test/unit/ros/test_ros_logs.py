@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is logged before a node can log is logged when it can."""
+"""Records that are logged before a node can log are forwarded once it can."""
 import logging
 
 from ballbot_ros.ros.logs import DeferredLogs
@@ -10,11 +10,11 @@ def test_log_records_from_the_creation_of_a_node_are_not_lost():
     taken = []
 
     class Taking(logging.Handler):
-        """Takes what arrives."""
+        """A handler that stores all records."""
 
         def emit(self, record):
             taken.append(record.getMessage())
-    deferred = DeferredLogs(name)  # `above` takes no more than warnings yet, as the root does
+    deferred = DeferredLogs(name)  # `above` accepts only warnings yet, as the root does
     logging.getLogger(f'{name}.module').info('compiled in 2.5 s')
     above.handlers = [Taking()]
     above.setLevel(logging.INFO)

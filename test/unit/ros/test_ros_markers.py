@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is drawn is what is there, and without a subscriber nothing is drawn."""
+"""Markers match the model and the decision; without a subscriber nothing is drawn."""
 import math
 from types import SimpleNamespace
 
@@ -15,7 +15,7 @@ from ballbot_ros.ros.markers import decision_markers, MarkerTopic, world_markers
 
 
 def named(found):
-    """Return markers by their names, which none shares with another."""
+    """Return markers by their namespaces; no two may have the same name."""
     assert len({(marker.ns, marker.id) for marker in found}) == len(found)
     return {marker.ns: marker for marker in found}
 
@@ -29,7 +29,7 @@ def decided(kind=Kind.CROSS, **numbers):
         Decision(kind, Reason.LIKELY, 0.4, 'a sentence', **numbers), odometry, 0.2))
 
 
-def test_the_force_on_a_ball_at_rest_points_up_from_where_it_touches(gimball):
+def test_the_force_on_a_ball_at_rest_points_up_from_the_contact(gimball):
     model = Model(gimball, Terrain.flat())
     drawn = named(world_markers(model.at_rest(2.0), model, 'odom'))
     contact, = drawn['contacts'].points
@@ -39,7 +39,7 @@ def test_the_force_on_a_ball_at_rest_points_up_from_where_it_touches(gimball):
     assert (head.x, head.z) == pytest.approx((2.0, markers.WEIGHT_ARROW_LENGTH))
 
 
-def test_a_ball_in_the_air_takes_the_drawn_contacts_away(gimball):
+def test_contacts_are_deleted_for_a_ball_in_the_air(gimball):
     model = Model(gimball, Terrain.flat())
     flying = model.at_rest(0.0)._replace(y=1.0)
     drawn = named(world_markers(flying, model, 'odom'))
@@ -47,18 +47,18 @@ def test_a_ball_in_the_air_takes_the_drawn_contacts_away(gimball):
     assert drawn['terrain'].action == Marker.ADD
 
 
-def test_the_ground_is_drawn_through_all_its_vertices_and_on(gimball):
+def test_the_ground_is_drawn_through_all_its_vertices_and_extended(gimball):
     terrain = Terrain.step(0.05, at=1.0)
     model = Model(gimball, terrain)
     drawn = named(world_markers(model.at_rest(0.0), model, 'odom'))['terrain']
     assert len(drawn.points) % 3 == 0
-    places = {(point.x, point.z) for point in drawn.points}
-    assert {tuple(vertex) for vertex in terrain.vertices.tolist()} <= places
-    assert min(places)[0] == pytest.approx(terrain.vertices[0, 0] - markers.GROUND_EXTENSION)
-    assert max(places) == pytest.approx((terrain.vertices[-1, 0] + markers.GROUND_EXTENSION, 0.05))
+    points = {(point.x, point.z) for point in drawn.points}
+    assert {tuple(vertex) for vertex in terrain.vertices.tolist()} <= points
+    assert min(points)[0] == pytest.approx(terrain.vertices[0, 0] - markers.GROUND_EXTENSION)
+    assert max(points) == pytest.approx((terrain.vertices[-1, 0] + markers.GROUND_EXTENSION, 0.05))
 
 
-def test_the_step_is_drawn_where_odometry_and_observation_have_it():
+def test_the_step_is_drawn_at_its_distance_from_odometry():
     drawn = decided(distance=0.7, height=0.03, outlook=Outlook(height_limit=0.04))
     assert {point.x for point in drawn['step'].points} == {1.7}
     assert sorted({point.z for point in drawn['step'].points}) == pytest.approx([0.3, 0.33])
@@ -66,7 +66,7 @@ def test_the_step_is_drawn_where_odometry_and_observation_have_it():
     assert {marker.header.frame_id for marker in drawn.values()} == {'left/odom'}
 
 
-def test_the_words_stand_above_the_ball_in_the_colour_of_the_answer():
+def test_the_text_is_above_the_ball_in_the_colour_of_the_decision():
     taken, refused = decided(), decided(Kind.GO_ROUND)
     assert taken['decision'].text == 'CROSS\na sentence'
     assert taken['decision'].pose.position.z > 0.5 + 0.2
@@ -82,14 +82,14 @@ def test_unknown_values_are_not_drawn(numbers):
 
 @pytest.fixture
 def topic(monkeypatch):
-    """Return what makes a topic with a number of subscribers."""
+    """Return a publisher with a variable number of subscribers."""
     publisher = SimpleNamespace(listeners=1)
     publisher.get_subscription_count = lambda: publisher.listeners
     monkeypatch.setattr(markers, 'create_publisher', lambda *_: publisher)
     return publisher
 
 
-def test_markers_come_ten_times_a_second_at_most_and_again_after_time_went_back(make_node, topic):
+def test_markers_are_due_at_most_ten_times_a_second_and_after_time_went_back(make_node, topic):
     marks = MarkerTopic(make_node(Node, 'robot'), True)
     due = [number for number in range(1000) if marks.is_due(0.002 * number)]
     assert len(due) == pytest.approx(20, abs=1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joint states as bytes are those of the message."""
+"""Joint states as bytes equal those of the middleware."""
 import math
 import struct
 from types import SimpleNamespace
@@ -40,7 +40,7 @@ def same(one, other):
 
 
 @given(strategies.floats(0.0, 2.0**31 - 1.0), numbers, numbers, numbers, numbers, numbers)
-def test_written_joint_states_are_those_of_the_middleware(
+def test_written_joint_states_equal_those_of_the_middleware(
         stamp, ball, joint, ball_rate, joint_rate, torque):
     readings = JointReadings(3.0, ball, joint, ball_rate, joint_rate)
     expected = JointState(
@@ -50,7 +50,7 @@ def test_written_joint_states_are_those_of_the_middleware(
     assert deserialize_message(BYTES.of(stamp, readings, torque), JointState) == expected
 
 
-def test_a_message_that_was_handed_out_does_not_change_with_the_next():
+def test_a_returned_message_does_not_change_with_the_next():
     first = BYTES.of(1.0, JointReadings(0.0, 1.0, 2.0, 3.0, 4.0), 5.0)
     copy = bytes(bytearray(first))
     BYTES.of(2.0, JointReadings(0.0, 6.0, 7.0, 8.0, 9.0), 10.0)
@@ -72,7 +72,7 @@ def test_without_a_pendulum_there_is_one_joint():
 
 
 @given(numbers, strategies.integers(0, 2**31 - 1), strategies.integers(0, 10**9 - 1))
-def test_written_commands_are_those_of_the_middleware(torque, sec, nanosec):
+def test_written_commands_equal_those_of_the_middleware(torque, sec, nanosec):
     written = command_bytes(Time(sec=sec, nanosec=nanosec), torque)
     assert deserialize_message(written, JointState) == command(sec, nanosec, torque)
 
@@ -84,8 +84,8 @@ def test_a_command_of_a_robot_that_turns_has_torque_and_lean(torque, lean):
     assert (message.position[1], message.effort[0]) == (lean, torque)
 
 
-def test_nothing_comes_after_the_end_and_gaps_are_empty():
-    # The middleware would leave in both what was in its memory: readers of bags mind the first.
+def test_no_bytes_follow_the_end_and_padding_is_zero():
+    # The middleware would leave old memory in both: some readers of bags reject the first.
     one = command_bytes(Time(sec=1, nanosec=2), 3.0)
     assert one[22:24] == b'\0\0' and one[-8:] == struct.pack('<d', 3.0)
     other = JointStateBytes('base_link').of(1.0, JointReadings(0.0, 1.0, 2.0, 3.0, 4.0), 5.0)
@@ -98,7 +98,7 @@ lists = strategies.lists(any_number, max_size=4)
 
 @strategies.composite
 def messages(draw):
-    """Return joint states of all shapes, also such as do not fit together."""
+    """Return joint states of all shapes, including inconsistent ones."""
     message = JointState(name=draw(strategies.lists(strategies.text(
         strategies.characters(codec='utf-8', exclude_characters='\0'), max_size=9), max_size=3)),
         position=draw(lists), velocity=draw(lists), effort=draw(lists))
@@ -114,9 +114,9 @@ def test_reading_equals_reading_by_the_middleware(message):
     assert isinstance(found, ReceivedJointState) and same(found, message)
 
 
-def test_bytes_that_only_align_numbers_have_no_meaning():
+def test_padding_bytes_are_ignored():
     gap = bytearray(serialize_message(command(1, 2, math.nan, 'frame')))
-    # After 'frame' and its zero at 20 come two bytes up to the next number.
+    # After 'frame' and its final zero, two bytes of padding precede the next number.
     gap[22:24] = b'xy'
     message = read(JointState, bytes(gap))
     assert isinstance(message, ReceivedJointState)
@@ -125,7 +125,7 @@ def test_bytes_that_only_align_numbers_have_no_meaning():
 
 
 @given(strategies.binary(max_size=120))
-def test_bytes_of_another_message_are_refused_or_read_as_the_middleware_does(data):
+def test_arbitrary_bytes_are_refused_or_read_as_by_the_middleware(data):
     for start in (b'', b'\0\1\0\0'):
         try:
             expected = deserialize_message(start + data, JointState)
@@ -142,7 +142,7 @@ def test_big_endian_messages_are_left_to_the_middleware():
     assert isinstance(message, JointState) and message.header.stamp.sec == 7
 
 
-def test_a_node_that_is_sent_nonsense_says_so_and_goes_on(make_node, spinner):
+def test_a_node_logs_malformed_bytes_and_continues(make_node, spinner):
     taken, said = [], []
     node = make_node(Node, 'robot')
     publisher = create_publisher(node, 'joint_commands')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The last word of a bridge."""
+"""The last status of a bridge."""
 from types import SimpleNamespace
 
 import pytest

@@ -65,7 +65,7 @@ def test_cancellation_and_preemption_end_at_rest(graph):
     assert abs(graph.speed) < 0.03 and graph.node.state.status is NavStatus.CANCELED
 
 
-def test_a_pose_of_rviz_is_driven_to_and_the_e_stop_ends_it(graph):
+def test_a_goal_pose_of_rviz_is_followed_until_the_e_stop(graph):
     graph.goals.publish(stamped_pose('map', to_time(0.0), 2.6, 1.4, 0.0))
     assert graph.spin(20.0, lambda: abs(graph.speed) > 0.1)
     graph.e_stops.publish(Bool(data=True))
@@ -82,7 +82,7 @@ def test_deactivation_ends_a_goal_and_further_goals_are_refused(graph):
 
 
 @pytest.mark.parametrize('graph', [{'floor': 'no_such_floor'}], indirect=True)
-def test_a_floor_that_is_not_there_leaves_the_node_unconfigured(graph):
+def test_a_missing_floor_leaves_the_node_unconfigured(graph):
     assert graph.node.state_label == 'unconfigured'
     assert not graph.send(2.6, 1.4).accepted
 
@@ -113,7 +113,7 @@ def test_odometry_that_is_not_finite_ends_the_goal_at_rest(graph):
     assert result.error_msg.startswith('not_finite') and graph.speed == 0.0
 
 
-def test_a_floor_that_cannot_be_read_again_leaves_the_one_before(context, tmp_path):
+def test_a_failed_reload_keeps_the_previous_floor(context, tmp_path):
     path = tmp_path / 'floor.yaml'
     path.write_text('walls: {size: [4, 4], lines: []}\n')
     graph = Graph(context, floor=str(path))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Invalid places, localisation and maps end the goal of the node ``navigator`` at rest."""
+"""Invalid positions, localisation and maps end the goal of the node ``navigator`` at rest."""
 import math
 
 from navigator_graph import Graph, START
@@ -44,7 +44,7 @@ def at_start(room):
 @pytest.mark.parametrize('place, reason', [
     ((3.0, 1.4), 'feature'), ((5.2, 3.6), 'feature'), ((6.5, 1.4), 'unknown'),
     ((99.0, 1.4), 'off_map'), ((2.0, 0.05), 'wall'), ((2.0, math.nan), 'not_finite')])
-def test_goals_where_no_ball_can_be_are_refused_from_action_and_topic(at_start, place, reason):
+def test_goals_at_invalid_positions_are_refused_from_action_and_topic(at_start, place, reason):
     refused = at_start.node.servers.refused
     before = refused[reason]
     assert not at_start.send(*place).accepted and refused[reason] == before + 1
@@ -56,7 +56,7 @@ def test_goals_where_no_ball_can_be_are_refused_from_action_and_topic(at_start, 
 @pytest.mark.parametrize('offset, reason', [
     ((1.3, 0.0), 'feature'), ((50.0, 0.0), 'off_map'), ((4.8, 0.0), 'unknown'),
     ((math.nan, 0.0), 'not_finite')])
-def test_a_start_where_no_ball_can_be_ends_the_goal(at_start, offset, reason):
+def test_an_invalid_start_position_ends_the_goal(at_start, offset, reason):
     at_start.offset = list(offset)
     at_start.spin(0.5)
     assert at_start.fails(at_start.send(2.4, 2.4)) == reason

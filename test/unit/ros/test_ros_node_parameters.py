@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each node lets be changed while it runs, and that it takes its own dump back."""
+"""Parameters that each node can change at run time, and the reload of its own dump."""
 import gc
 
 import pytest
@@ -37,7 +37,7 @@ def start(make_node, tmp_path):
 
 
 def changed(node, **values):
-    """Ask for all of these atomically; return why not, empty if they are in force."""
+    """Set all values atomically; return the reason of a refusal, empty on success."""
     result = node.set_parameters_atomically(
         [Parameter(name.replace('__', '.'), value=value) for name, value in values.items()])
     assert result.successful == (not result.reason)
@@ -45,7 +45,7 @@ def changed(node, **values):
 
 
 def refuses(node, **values):
-    """Ask for all of these atomically; return whether it names one, and keeps all as they are."""
+    """Set values atomically; return whether a refusal names one of them and changes none."""
     def present():
         return [node.get_parameter(name.replace('__', '.')).value for name in values]
     before, reason = present(), changed(node, **values)
@@ -53,7 +53,7 @@ def refuses(node, **values):
 
 
 def loaded(node):
-    """Do as `ros2 param dump` and `ros2 param load` do; return what is refused."""
+    """Dump and load all parameters as `ros2 param` does; return the reasons of refusals."""
     names = node.list_parameters([], 0).names
     dump = yaml.dump({name: node.get_parameter(name).value for name in names})
     assert len(names) > 5
@@ -70,7 +70,7 @@ def _sent(name, value):
 
 
 @pytest.mark.parametrize('cls', NODES)
-def test_each_parameter_is_described_and_ranged_and_the_own_dump_loads(start, cls):
+def test_each_parameter_has_a_description_and_a_range_and_the_own_dump_loads(start, cls):
     node = start(cls)
     own = set(node.get_parameters_by_prefix('')) - set(BUILT_IN)
     some = [node.describe_parameter(name) for name in own]
@@ -85,7 +85,7 @@ def test_each_parameter_is_described_and_ranged_and_the_own_dump_loads(start, cl
     assert loaded(node) == []
 
 
-def test_a_simulator_takes_other_rates_noise_and_timeouts_all_or_none(start):
+def test_a_simulator_changes_rates_noise_and_timeouts_all_or_none(start):
     node = start(Simulator)
     assert changed(node, observation_distance_sd=0.1, command_timeout=0.2, odom_rate=50,
                    terrain_rate=10.0, sensor_dropout=1.0, torque_limit=1.0) == ''
@@ -99,7 +99,7 @@ def test_a_simulator_takes_other_rates_noise_and_timeouts_all_or_none(start):
     assert refuses(node, scene='flat')
 
 
-def test_a_simulator_goes_slower_and_faster_from_now_on(start):
+def test_the_real_time_factor_of_a_simulator_can_change(start):
     node = start(Simulator)
     periods = []
     for factor in (0.5, 0.0, 1):
@@ -108,7 +108,7 @@ def test_a_simulator_goes_slower_and_faster_from_now_on(start):
     assert periods == pytest.approx([0.004, 0.0005, 0.002])
 
 
-def test_simulated_time_for_the_node_that_makes_it_is_reported_and_does_no_harm(start, capfd):
+def test_use_sim_time_of_a_simulator_is_reported_and_does_no_harm(start, capfd):
     node = start(Simulator, use_sim_time=True)
     assert 'use_sim_time' in capfd.readouterr().err
     assert node.get_parameter('use_sim_time').value
@@ -138,7 +138,7 @@ def test_a_controller_refuses_gains_that_diverge_and_names_the_rate_that_works(s
     assert node.get_parameter('gains.position_kd').value == 10.0
 
 
-def test_a_decision_takes_other_margins_unless_they_contradict_or_need_old_observations(start):
+def test_a_decision_changes_margins_unless_they_are_inconsistent(start):
     node = start(ObstacleDecision)
     pilot = node._decider._pilot
     assert changed(node, required_probability=0.8, cruise_speed=0.5) == ''
@@ -150,7 +150,7 @@ def test_a_decision_takes_other_margins_unless_they_contradict_or_need_old_obser
 
 
 @pytest.mark.slow
-def test_a_bridge_hands_gains_and_timeouts_to_its_loop(start):
+def test_a_bridge_passes_gains_and_timeouts_to_its_loop(start):
     node = start(Bridge)
     law = node._session.law
     assert changed(node, gains__position_kp=7.0, set_point_timeout=0.8, status_rate=5.0) == ''
@@ -162,13 +162,13 @@ def test_a_bridge_hands_gains_and_timeouts_to_its_loop(start):
     assert law._controller._tuning.position_kp == 7.0
 
 
-def test_an_imu_is_read_along_other_axes(start):
+def test_the_axes_of_an_imu_can_change(start):
     node = start(ImuNode)
     assert changed(node, axes='-y x z', gyro_sd=0.01) == ''
     assert refuses(node, axes='up') and refuses(node, rate=100)
 
 
-def test_an_emulated_robot_measures_worse_from_now_on(start):
+def test_the_noise_of_an_emulated_robot_can_change(start):
     node = start(EmulatedRobot)
     assert changed(node, gyro_sd=0.5, imu_rate=100.0) == ''
     assert node._imu._gyro_sd == 0.5 and node._timer.timer_period_ns == 10_000_000
@@ -178,7 +178,7 @@ def test_an_emulated_robot_measures_worse_from_now_on(start):
 @pytest.mark.parametrize('cls', [Simulator, Controller, ObstacleDecision])
 def test_a_destroyed_node_leaves_the_graph_immediately(start, make_node, cls):
     onlooker = make_node(Node, 'onlooker')
-    gc.collect()  # what other tests have left
+    gc.collect()  # garbage of other tests
     gc.disable()
     try:
         node = start(cls)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One tree of frames, in which the robot stands where odometry has it."""
+"""One tree of frames, in which the robot has the pose of odometry."""
 import math
 from types import SimpleNamespace
 from xml.etree import ElementTree
@@ -19,7 +19,7 @@ STATE = State(time=2.5, x=1.5, y=0.3, ball_angle=-math.pi / 2, pendulum_angle=0.
 
 @pytest.fixture
 def published(monkeypatch):
-    """Return what is published, by topic; tf2_msgs is not everywhere."""
+    """Return the published messages by topic; tf2_msgs may be missing."""
     found = {}
     monkeypatch.setattr(odometry, 'TFMessage', SimpleNamespace)
     monkeypatch.setattr(odometry, 'create_publisher', lambda node, topic: (
@@ -38,7 +38,7 @@ def publish(make_node, robot, state=STATE, **settings):
 
 
 def tree(published):
-    """Return {child: transform} of all that is published, each child once."""
+    """Return {child: transform} of all published transforms; no child may occur twice."""
     transforms = [*published['/tf'].transforms,
                   *getattr(published.get('/tf_static'), 'transforms', [])]
     children = [transform.child_frame_id for transform in transforms]
@@ -59,7 +59,7 @@ def placed(transforms, frame):
             angle - 2.0 * math.atan2(turn.y, turn.w))
 
 
-def test_the_transforms_lead_to_where_odometry_has_the_robot(make_node, gimball, published):
+def test_the_transforms_agree_with_odometry(make_node, gimball, published):
     publish(make_node, gimball)
     message, transforms = published['odom'], tree(published)
     assert placed(transforms, message.child_frame_id) == pytest.approx((1.5, 0.3, 0.0))
@@ -86,14 +86,14 @@ def test_the_links_of_the_description_are_the_frames_of_the_tree(make_node, robo
     assert links == set(tree(published))
 
 
-def test_beside_robot_state_publisher_only_odometry_moves_a_frame(make_node, gimball, published):
+def test_with_robot_state_publisher_only_odometry_moves_a_frame(make_node, gimball, published):
     publish(make_node, gimball, publish_description=False)
     assert set(published) == {'odom', '/tf'}
     assert set(tree(published)) == {'base_link'}
 
 
-def test_a_prefix_stands_before_every_frame_but_not_in_the_description(make_node, gimball,
-                                                                       published):
+def test_a_prefix_applies_to_every_frame_but_not_to_the_description(
+        make_node, gimball, published):
     publish(make_node, gimball, frame_prefix='left/', base_frame='hull')
     assert published['odom'].child_frame_id == 'left/hull'
     assert published['odom'].header.frame_id == 'left/odom'
@@ -105,7 +105,7 @@ def test_a_prefix_stands_before_every_frame_but_not_in_the_description(make_node
     assert 'hull' in published['robot_description'].data
 
 
-def test_every_frame_has_the_name_that_its_parameter_gives_it():
+def test_every_frame_has_the_name_of_its_parameter():
     settings = SimulatorSettings(odom_frame='a', footprint_frame='b', base_frame='c',
                                  imu_frame='d', frame_prefix='z/')
     assert Frames.of(settings) == Frames(
@@ -113,8 +113,8 @@ def test_every_frame_has_the_name_that_its_parameter_gives_it():
         'z/carrier_link', 'map')
 
 
-def test_without_tf2_msgs_odometry_and_description_come_all_the_same(make_node, gimball,
-                                                                     published, monkeypatch):
+def test_without_tf2_msgs_odometry_and_description_are_still_published(
+        make_node, gimball, published, monkeypatch):
     monkeypatch.setattr(odometry, 'TFMessage', None)
     publish(make_node, gimball)
     assert set(published) == {'odom', 'robot_description'}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node's experience: taught by its log, silent without one, and never stopped by a bad one."""
+"""The experience of a node: learned from its log, and empty without a valid log."""
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.decision.learning.outcome_log import OutcomeLog
 from ballbot_ros.decision.learning.outcomes import Outcome
@@ -13,7 +13,7 @@ KNOWLEDGE = Knowledge(
 
 
 class Logger:
-    """Keeps what is logged."""
+    """A logger that stores its messages."""
 
     def __init__(self):
         self.said = []
@@ -30,7 +30,7 @@ def bias(particles):
 
 
 def stuck(stamp):
-    """Return a step that the robot should have got over and did not."""
+    """Return the outcome of a step that the robot unexpectedly failed to cross."""
     return Outcome(stamp=stamp, result='stuck', face=1, position=1.0, height=0.02,
                    height_sd=0.0005, touch_speed=0.8, touch_angle=0.0, held_angle=0.0, slope=0.0,
                    distance=1.0, robot=GIMBALL.digest)
@@ -54,7 +54,7 @@ def test_recorded_outcomes_are_learned_from_at_the_next_start(tmp_path):
     before = Particles.of(GIMBALL, KNOWLEDGE.tuning.height_bias_sd)
     after = experience.knowledge.particles
     assert after.outcomes == 3
-    # Such steps are higher than the sensor says.
+    # The steps are then estimated to be higher than measured.
     assert bias(after) < bias(before) - 0.001
     experience.close()
 

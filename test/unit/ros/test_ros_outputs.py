@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Without a subscriber nothing is made, and what was not made is repeated all the same."""
+"""Without a subscriber no message is made, but a later repetition makes it."""
 from nav_msgs.msg import Odometry
 import pytest
 from rclpy.node import Node
@@ -19,7 +19,7 @@ MADE = {'ball_state_message': BallState, 'odometry_message': Odometry}
 
 @pytest.fixture
 def run(make_node, monkeypatch):
-    """Return outputs, their plant, what messages were made of, and a node that may subscribe."""
+    """Return outputs, their plant, a record of the messages made, and a node for subscriptions."""
     made = []
     for name in MADE:
         original = getattr(outputs, name)
@@ -32,7 +32,7 @@ def run(make_node, monkeypatch):
 
 @pytest.fixture
 def listen(run, spinner):
-    """Return a function that subscribes to a topic, and returns one that returns its messages."""
+    """Return a function that subscribes to a topic and returns a getter of its messages."""
     node = run[-1]
     spinner.add(node)
 
@@ -44,7 +44,7 @@ def listen(run, spinner):
     return subscribe
 
 
-def test_alone_no_message_is_made(run):
+def test_without_a_subscriber_no_message_is_made(run):
     published, plant, made, _ = run
     for _ in range(50):
         published.publish()
@@ -54,7 +54,7 @@ def test_alone_no_message_is_made(run):
 
 
 @pytest.mark.parametrize('kind, topic', [(BallState, 'ball_state'), (Odometry, 'odom')])
-def test_a_message_is_made_for_whom_it_would_reach(run, listen, kind, topic):
+def test_a_message_is_made_only_for_a_subscriber(run, listen, kind, topic):
     published, plant, made, _ = run
     receive = listen(kind, topic)
     published.publish(everything=True)
@@ -63,7 +63,7 @@ def test_a_message_is_made_for_whom_it_would_reach(run, listen, kind, topic):
     assert len(found) == 1
 
 
-def test_a_message_that_was_not_made_in_time_is_repeated_with_its_stamp(run, listen):
+def test_a_message_that_was_not_made_is_repeated_with_its_stamp(run, listen):
     published, plant, made, _ = run
     published.publish(everything=True)
     for _ in range(3):  # odometry is due each fifth period

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Unknown names: a mistake where they were given to this node, for another where for many."""
+"""Unknown names are refused if given to this node, and ignored if given to many nodes."""
 from functools import partial
 import sys
 
@@ -46,7 +46,7 @@ def test_an_unknown_name_in_a_section_for_many_nodes_is_ignored(started, capfd):
     assert "'frequency'" in warning and "'nested.deep'" in warning and "'other'" not in warning
 
 
-def test_one_that_is_like_a_parameter_is_reported_with_it(started, capfd):
+def test_an_unknown_name_similar_to_a_parameter_is_reported_with_it(started, capfd):
     started(many='tunning')
     warning, = [line for line in capfd.readouterr().err.splitlines() if 'WARN' in line]
     assert "'tunning'" in warning and "'tuning'" in warning

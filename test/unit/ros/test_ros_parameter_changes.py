@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters at run time: all that a request asks for or nothing, and why where nothing."""
+"""Parameters at run time: a request changes all its values, or none and names the reason."""
 from dataclasses import dataclass
 import math
 import threading
@@ -39,7 +39,7 @@ class Example(Settings):
 
 
 class Owner:
-    """A node that keeps what it is handed, and refuses a gain of 7."""
+    """A node that stores its settings and refuses a gain of 7."""
 
     def __init__(self, make_node, **overrides):
         self.node = make_node(Node, 'example', **overrides)
@@ -69,7 +69,7 @@ def owner(make_node):
     return Owner(make_node)
 
 
-def test_another_value_is_handed_over_as_another_settings(owner):
+def test_a_changed_value_gives_new_settings(owner):
     before = owner.settings
     assert owner.set(gain=3.0, method='euler').successful
     assert (owner.settings.gain, owner.settings.method) == (3.0, 'euler')
@@ -77,7 +77,7 @@ def test_another_value_is_handed_over_as_another_settings(owner):
     assert owner.value('gain') == 3.0
 
 
-def test_a_whole_number_and_a_number_as_text_are_floats_at_run_time_too(owner):
+def test_an_integer_and_a_number_as_text_become_floats_at_run_time(owner):
     assert owner.set(gain=3).successful and owner.set(tiny='1e-6').successful
     assert (owner.value('gain'), owner.value('tiny')) == (3.0, 1e-6)
     assert type(owner.value('gain')) is type(owner.settings.gain) is float
@@ -85,7 +85,7 @@ def test_a_whole_number_and_a_number_as_text_are_floats_at_run_time_too(owner):
 
 @pytest.fixture
 def caught(monkeypatch):
-    """Return the list of the errors with which requests are refused."""
+    """Return the list of the errors that refuse requests."""
     errors, compute = [], Changes._compute
 
     def watched(self, parameters):
@@ -132,7 +132,7 @@ def test_a_refused_value_changes_nothing_and_the_answer_names_it(
     assert [owner.value(name) for name in ('gain', 'steps', 'loud')] == [2.0, 3, False]
 
 
-def test_a_description_says_whether_the_parameter_can_change_and_why_not(owner):
+def test_a_description_states_whether_the_parameter_can_change_and_why_not(owner):
     for name, item in Example.described().items():
         found = owner.node.describe_parameter(name)
         fits = 'Can change' if not found.read_only else 'Cannot change while the node runs: '
@@ -144,7 +144,7 @@ def test_a_description_says_whether_the_parameter_can_change_and_why_not(owner):
     assert (slider.from_value, slider.to_value) == (0.0, 10.0)
 
 
-def test_another_file_gives_all_of_its_numbers_but_those_that_are_given_too(owner):
+def test_another_file_sets_all_its_numbers_except_those_given_explicitly(owner):
     assert owner.value('gains.position_kp') == 40.0
     assert owner.set(gains__position_kp=20.0).successful
     assert owner.set(tuning='gentle', gains__blend_time=0.3).successful
@@ -153,7 +153,7 @@ def test_another_file_gives_all_of_its_numbers_but_those_that_are_given_too(owne
     assert owner.value('gains.position_kp') == 6.0 and owner.value('tuning') == 'gentle'
 
 
-def test_a_mapping_of_names_as_a_dump_has_them_makes_settings():
+def test_settings_are_created_from_the_names_of_a_dump():
     made = Example.from_mapping({'gain': 3, 'gains.position_kp': 5, 'tuning': 'gentle'}, 'bag')
     assert (made.gain, made.gains.position_kp, made.gains.position_kd) == (3.0, 5.0, 0.8)
     with refused('unknown_name', 'gian') as caught:
@@ -163,14 +163,14 @@ def test_a_mapping_of_names_as_a_dump_has_them_makes_settings():
         Example.from_mapping({'gains.position_kp': -1.0}, 'bag')
 
 
-def test_a_number_given_at_the_start_stands_above_that_of_the_file(make_node):
+def test_a_number_given_at_the_start_overrides_that_of_the_file(make_node):
     given = Owner(make_node, **{'gains.position_kp': 5, 'tuning': 'gentle'})
     assert given.settings.gains.position_kp == given.value('gains.position_kp') == 5.0
     assert given.settings.gains.position_kd == load_tuning('gentle').position_kd
 
 
 def messages(owner, names=None):
-    """Return all parameters as `ros2 param load` sends them, from what `ros2 param dump` wrote."""
+    """Return all parameters as `ros2 param load` sends them after `ros2 param dump`."""
     from rcl_interfaces.msg import Parameter as Message
     from rclpy.parameter import get_parameter_value
     import yaml
@@ -199,7 +199,7 @@ def ask(request, owner, context):
     executor.shutdown()
 
 
-def test_a_change_by_service_is_made_between_two_callbacks(owner, ask):
+def test_a_change_by_service_is_committed_in_the_thread_of_the_executor(owner, ask):
     seen = []
     prepare = owner.prepare
 
@@ -215,7 +215,7 @@ def test_a_change_by_service_is_made_between_two_callbacks(owner, ask):
     assert seen == [threading.main_thread()]
 
 
-def test_by_service_each_is_answered_for_itself(owner, ask, caught):
+def test_a_service_answers_each_parameter_separately(owner, ask, caught):
     results = ask(SetParameters, 'set_parameters', [
         Parameter(name, value=value).to_parameter_msg() for name, value in (
             ('gain', 5.0), ('gain', 11.0), ('robot', 'x'), ('steps', 5))]).results
@@ -226,7 +226,7 @@ def test_by_service_each_is_answered_for_itself(owner, ask, caught):
     assert (owner.settings.gain, owner.settings.steps) == (5.0, 5)
 
 
-def test_a_node_takes_its_own_dump_back(owner, ask):
+def test_a_node_accepts_its_own_dump(owner, ask):
     assert owner.set(gain=4.5, gains__position_kp=30.0).successful
     before = owner.settings
     results = ask(SetParameters, 'set_parameters', messages(owner)).results
@@ -235,14 +235,14 @@ def test_a_node_takes_its_own_dump_back(owner, ask):
     assert owner.settings == before
 
 
-def test_a_dump_of_another_time_is_gone_back_to(owner, ask):
+def test_an_earlier_dump_is_restored(owner, ask):
     dump = messages(owner)
     assert owner.set(gain=4.5, method='euler', gains__position_kp=30.0).successful
     assert all(one.successful for one in ask(SetParameters, 'set_parameters', dump).results)
     assert owner.settings == Example()
 
 
-def test_a_check_that_breaks_is_answered_all_the_same(owner, ask):
+def test_an_unexpected_error_in_a_check_is_answered(owner, ask):
     def broken(wanted):
         raise ZeroDivisionError('by nought')
     owner.prepare = broken

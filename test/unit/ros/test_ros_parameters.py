@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters: refused with a sentence that helps, converted only where nothing is lost."""
+"""Parameters are refused with a helpful message, and converted only without loss."""
 from dataclasses import dataclass, fields
 import math
 
@@ -40,7 +40,7 @@ def test_defaults_are_declared_and_returned(make_node):
         'robot': 'gimball', 'version': '0.5'}
 
 
-def test_a_whole_number_is_a_float_too(make_node):
+def test_an_integer_is_converted_to_a_float(make_node):
     node, settings = given(make_node, gain=5, ratio=2)
     assert settings == Example(gain=5.0, ratio=2.0)
     assert type(settings.gain) is float and type(node.get_parameter('gain').value) is float

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the package uses of rclpy beyond its public interface, in each distribution."""
+"""Uses of rclpy beyond its public interface, in each distribution."""
 from importlib.metadata import PackageNotFoundError, version
 
 import pytest
@@ -30,17 +30,17 @@ kilted = pytest.mark.skipif(not (9,) <= rclpy_version() < (10,), reason='not rcl
 
 @pytest.fixture(params=[pytest.param('jazzy', marks=jazzy), pytest.param('kilted', marks=kilted)])
 def distribution(request):
-    """Return the distribution that rclpy is of; the others are skipped."""
+    """Return the distribution of the installed rclpy; the others are skipped."""
     return request.param
 
 
-def test_the_executor_is_the_one_driven_by_events(distribution, context):
+def test_the_executor_is_event_driven(distribution, context):
     executor = rclpy_compat.new_executor(context)
     assert type(executor).__name__ == 'EventsExecutor'
     executor.shutdown()
 
 
-def test_the_reason_of_an_error_has_no_places_in_the_source_of_rcl(distribution, make_node):
+def test_the_reason_of_an_error_has_no_source_locations_of_rcl(distribution, make_node):
     node = make_node(Node, 'robot')
     with pytest.raises(Exception) as caught:
         node.resolve_topic_name('bad name')
@@ -49,7 +49,7 @@ def test_the_reason_of_an_error_has_no_places_in_the_source_of_rcl(distribution,
     assert str(caught.value).startswith(reason)
 
 
-def test_overrides_take_effect_where_they_are_changed(distribution, make_node):
+def test_changed_overrides_take_effect(distribution, make_node):
     node = make_node(Node, 'robot', gain=3)
     overrides = rclpy_compat.parameter_overrides(node)
     assert overrides['gain'].value == 3
@@ -97,7 +97,7 @@ def test_messages_are_taken_without_an_executor(distribution, make_node):
     assert [deserialize_message(data, String).data for data in taken] == ['one', 'two']
 
 
-def test_states_and_transitions_of_a_lifecycle_node_are_known(distribution, make_node):
+def test_states_and_transitions_of_a_lifecycle_node_are_available(distribution, make_node):
     node = make_node(LifecycleNode, 'robot')
     assert rclpy_compat.state_label(node) == 'unconfigured'
     assert (1, 'configure') in rclpy_compat.available_transitions(node)

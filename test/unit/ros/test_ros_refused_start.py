@@ -89,7 +89,7 @@ def handlers_restored():
 def test_a_malformed_command_line_is_refused_before_a_node_is_made(
         files, handlers_restored, capsys, words, stray):
     assert run(lambda: pytest.fail('the node was made'), words) == EXIT_REFUSED
-    last = capsys.readouterr().err.splitlines()[-1]  # rcl logs lines of its own before it
+    last = capsys.readouterr().err.splitlines()[-1]  # rcl logs its own lines first
     assert last.startswith('cannot start: ') and words[-1] in last
     assert (STRAY_ARGUMENT in last) is stray
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the bridge publishes besides its motor, each topic at its own rate."""
+"""Topics of the bridge other than those of the motor, each at its own rate."""
 import math
 from types import SimpleNamespace
 
@@ -18,13 +18,13 @@ from ballbot_ros.physics import load_robot
 from ballbot_ros.ros import odometry
 
 GIMBALL = load_robot('gimball')
-# On a clock that is as far from ROS time as wall time is from the time since boot.
+# ROS time is ahead of the steady clock, as wall time is of the time since boot.
 CLOCKS = SimpleNamespace(stamp=lambda steady: steady + 1.7e9)
 
 
 @pytest.fixture
 def published(monkeypatch):
-    """Return what is published, as pairs of topic and message."""
+    """Return the published messages as pairs of topic and message."""
     found = []
     for module in (odometry, robot_outputs):
         monkeypatch.setattr(module, 'create_publisher', lambda node, topic: (
@@ -45,20 +45,20 @@ def topics(published, *names):
 
 
 def found(stamp, estimate=None, **telemetry):
-    """Return what a period of the loop has found."""
+    """Return the report of a period of the loop."""
     return SimpleNamespace(time=stamp, estimate=estimate, condition=Condition(),
                            telemetry=Telemetry(**telemetry))
 
 
 def report(outputs, session, stamp):
-    """Let a period of the loop measure at a time."""
+    """Publish the report of a period that measured at `stamp`."""
     estimate = PendulumFilter(GIMBALL).start(stamp, 0.0)
     session.odometry = OdometryFilter(GIMBALL).start(estimate)._replace(position=stamp)
     outputs.publish(found(stamp, estimate))
 
 
 @pytest.mark.parametrize('rate', (50.0, 100.0, 120.0, 500.0))
-def test_odometry_comes_at_its_rate_with_the_stamp_of_the_measurement(make_node, published, rate):
+def test_odometry_has_its_rate_and_the_stamp_of_the_measurement(make_node, published, rate):
     session = SimpleNamespace(odometry=None, course=None)
     outputs = outputs_of(make_node, session, rate)
     outputs.publish(found(0.0))
@@ -78,11 +78,11 @@ def test_a_rate_of_zero_leaves_odometry_to_others(make_node, published):
     assert not topics(published, 'odom')
     moved = {one.child_frame_id for message in topics(published, '/tf')
              for one in message.transforms}
-    assert moved == {'ball_link', 'pendulum_link'}  # what hangs from odom is for others
+    assert moved == {'ball_link', 'pendulum_link'}  # other nodes publish the child of odom
     assert topics(published, 'robot_description') and topics(published, '/tf_static')
 
 
-def test_after_a_gap_it_does_not_catch_up(make_node, published):
+def test_odometry_does_not_catch_up_after_a_gap(make_node, published):
     session = SimpleNamespace(odometry=None, course=None)
     outputs = outputs_of(make_node, session, 100.0)
     for stamp in (0.0, 5.0, 5.002, 5.004):
@@ -101,7 +101,7 @@ def test_the_battery_is_reported_once_a_second_at_any_rate_of_the_loop(make_node
     assert all(0.7 < after - before < 1.01 for before, after in zip(stamps, stamps[1:]))
 
 
-def test_a_battery_of_which_nothing_is_known_is_nan_and_unknown():
+def test_unknown_values_of_a_battery_are_nan_or_unknown():
     message = battery_message(1.5e9, Battery(), Telemetry(), Condition())
     assert not message.present and message.header.stamp.sec == 1500000000
     for value in (message.voltage, message.current, message.temperature, message.charge,
@@ -112,7 +112,7 @@ def test_a_battery_of_which_nothing_is_known_is_nan_and_unknown():
     assert message.power_supply_technology == BatteryState.POWER_SUPPLY_TECHNOLOGY_UNKNOWN
 
 
-def test_a_current_that_is_drawn_is_negative_and_braking_charges():
+def test_a_drawn_current_is_negative_and_braking_charges_the_battery():
     battery = Battery(technology='lipo', capacity=5.0)
     drawn = battery_message(1.0, battery, Telemetry(bus_voltage=24.0, bus_current=3.0),
                             Condition(percentage=0.5))

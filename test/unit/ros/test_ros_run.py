@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a node ends, on the executor of today and on the one that older rclpy have."""
+"""The end of a node, on the current executor and on that of older rclpy versions."""
 import os
 import subprocess
 import sys
@@ -12,7 +12,7 @@ from ballbot_ros.ros.run import Stop
 
 @pytest.fixture
 def python(monkeypatch):
-    """Return a function that runs Python to its end, without the nodes of other processes."""
+    """Return a function that runs a Python process without the nodes of other processes."""
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
     return lambda *words: subprocess.run(
         [sys.executable, *words], capture_output=True, text=True, timeout=60)
@@ -45,7 +45,7 @@ sys.exit(run.run(Failing, []))
 
 
 @pytest.mark.parametrize('executor', ['newest', *slow('older')])
-def test_a_node_that_fails_is_made_safe_and_says_so_in_one_line(executor, python):
+def test_a_node_that_fails_is_made_safe_and_logs_one_line(executor, python):
     done = python('-c', NODE, executor)
     assert done.returncode == 2
     assert done.stdout == 'made safe\n'
@@ -61,7 +61,7 @@ run.END_TIMEOUT = 1.0
 
 class Held:
     def __del__(self):
-        ctypes.PyDLL(None).sleep(300)  # with the lock of Python, as a destructor of the middleware
+        ctypes.PyDLL(None).sleep(300)  # holds the GIL, like a destructor of the middleware
 
 def make():
     held = Held()
@@ -115,21 +115,21 @@ sys.exit(run.run(Busy, []))
 @pytest.mark.slow
 @pytest.mark.parametrize('executor', ['newest', 'older'])
 @pytest.mark.parametrize('reason, code', [('failure', 2), ('signal', 0)])
-def test_a_node_that_never_has_nothing_to_do_ends_all_the_same(
+def test_a_node_that_is_always_busy_still_ends(
         executor, reason, code, python):
     done = python('-c', BUSY, executor, reason)
     assert (done.returncode, done.stdout) == (code, 'made safe\n'), done.stderr
     assert 'Traceback' not in done.stderr
 
 
-def test_a_stop_that_comes_before_the_executor_begins_is_not_lost():
+def test_a_stop_before_the_start_of_the_executor_takes_effect():
     stop, woken = Stop(), []
     stop.give()
     stop.add_done_callback(woken.append)
     assert woken == [stop] and stop.done()
 
 
-def test_a_stop_wakes_no_executor_that_has_ended():
+def test_a_stop_does_not_wake_an_executor_that_has_ended():
     stop, woken = Stop(), []
     stop.add_done_callback(woken.append)
     stop.remove_done_callback(woken.append)
@@ -145,7 +145,7 @@ from ballbot_ros.ros import run
 class Slow(Node):
     def __init__(self):
         super().__init__('slow')
-        # As one that compiles, and in exec(), as numba is then.
+        # Like a node that compiles, in exec() as with numba.
         exec('os.kill(os.getpid(), getattr(signal, sys.argv[1]))\\nwhile True: time.sleep(0.01)')
 
 sys.exit(run.run(Slow, []))
@@ -154,11 +154,11 @@ sys.exit(run.run(Slow, []))
 
 @pytest.mark.slow
 @pytest.mark.parametrize('signal', ['SIGINT', 'SIGTERM'])
-def test_a_node_that_is_still_being_made_ends_immediately_on_a_stop(
+def test_a_node_under_construction_ends_immediately_on_a_stop(
         signal, python, monkeypatch, tmp_path):
     (tmp_path / 'slow_node.py').write_text(SLOW)
     monkeypatch.setenv('PYTHONPATH', str(tmp_path), prepend=os.pathsep)
-    # With -m, as nodes are started: Python then minds a KeyboardInterrupt that exec() let through.
+    # With -m, as nodes are started: a KeyboardInterrupt from exec() then counts as unhandled.
     done = python('-m', 'slow_node', signal)
     assert (done.returncode, 'Traceback' in done.stderr) == (0, False), done.stderr
 
@@ -198,7 +198,7 @@ sys.exit(run.run_together([One, Other], []))
 @pytest.mark.slow
 @pytest.mark.parametrize('how, ended', [
     ('fails', 'one made safe\nother made safe\n'), ('refused', 'one made safe\n')])
-def test_where_one_of_two_nodes_fails_both_are_made_safe(how, ended, python):
+def test_if_one_of_two_nodes_fails_both_are_made_safe(how, ended, python):
     done = python('-c', TWO, how)
     assert (done.returncode, done.stdout) == (2, ended)
     assert done.stderr.count('what went wrong') == 1 and 'Traceback' not in done.stderr
@@ -213,7 +213,7 @@ sys.exit(run.run(lambda: Node('secure'), []))
 
 
 @pytest.mark.slow
-def test_without_its_keys_a_node_ends_in_a_sentence(python, monkeypatch, tmp_path):
+def test_without_its_keys_a_node_ends_with_a_message(python, monkeypatch, tmp_path):
     for name, value in (('ENABLE', 'true'), ('STRATEGY', 'Enforce'), ('KEYSTORE', tmp_path)):
         monkeypatch.setenv(f'ROS_SECURITY_{name}', str(value))
     done = python('-c', SECURE)
@@ -240,7 +240,7 @@ def test_a_node_with_use_sim_time_and_no_clock_warns(simulated, python):
 
 
 @pytest.mark.parametrize('name', ['bridge', 'simulator'])
-def test_ctrl_c_while_a_node_is_imported_is_its_normal_end(name, python):
+def test_ctrl_c_during_the_import_of_a_node_is_a_normal_end(name, python):
     program = ('import signal, sys\n'
                'signal.signal(signal.SIGINT, signal.default_int_handler)\n'
                'import ballbot_ros.nodes.start as nodes\n'

@@ -13,7 +13,7 @@ from ballbot_ros.plant import Plant
 
 
 class Outputs:
-    """Count what would be published."""
+    """Count the publications."""
 
     state_subscribers = 2
 
@@ -28,7 +28,7 @@ class Outputs:
 
 
 class Log(list):
-    """Keep what would be logged."""
+    """Store the log messages."""
 
     def warning(self, text, **_):
         self.append(text)
@@ -45,133 +45,132 @@ def clock(monkeypatch):
 
 
 def scheduled(scene=None, **parameters):
-    """Return a scheduler with all around it."""
+    """Return a scheduler with its plant, gate, outputs and log."""
     settings = SimulatorSettings(**parameters)
     plant = Plant(scene or load_scene('flat'), settings.control_rate)
-    around = SimpleNamespace(plant=plant, gate=CommandGate(settings.command_timeout),
-                             outputs=Outputs(), log=Log(), failures=[])
-    around.scheduler = scheduler.Scheduler(
-        plant, around.gate, around.outputs, settings, around.log,
-        lambda: around.failures.append(plant.time))
-    return around
+    setup = SimpleNamespace(plant=plant, gate=CommandGate(settings.command_timeout),
+                            outputs=Outputs(), log=Log(), failures=[])
+    setup.scheduler = scheduler.Scheduler(
+        plant, setup.gate, setup.outputs, settings, setup.log,
+        lambda: setup.failures.append(plant.time))
+    return setup
 
 
-def tick(around, clock, seconds):
+def tick(setup, clock, seconds):
     clock.now += seconds
-    around.scheduler.tick()
+    setup.scheduler.tick()
 
 
-def test_real_time_passes_with_the_clock_and_catches_up_so_far(clock):
-    around = scheduled()
-    tick(around, clock, 0.0)
-    tick(around, clock, 0.0021)
-    assert around.plant.periods == 1
-    tick(around, clock, 0.0101)
-    assert around.plant.periods == 6
-    tick(around, clock, 5.0)
-    assert around.plant.periods == 16 and around.scheduler.dropped == 2490
-    tick(around, clock, 1.0)
-    assert around.log[-1].startswith('falling behind: real-time factor 0.0')
+def test_simulated_time_follows_the_clock_and_catches_up_to_a_limit(clock):
+    setup = scheduled()
+    tick(setup, clock, 0.0)
+    tick(setup, clock, 0.0021)
+    assert setup.plant.periods == 1
+    tick(setup, clock, 0.0101)
+    assert setup.plant.periods == 6
+    tick(setup, clock, 5.0)
+    assert setup.plant.periods == 16 and setup.scheduler.dropped == 2490
+    tick(setup, clock, 1.0)
+    assert setup.log[-1].startswith('falling behind: real-time factor 0.0')
 
 
 @pytest.mark.parametrize('parameters', [
     {}, {'real_time_factor': 50.0}, {'real_time_factor': 0.0}])
 @pytest.mark.parametrize('periods', [1, 3, 17])
-def test_a_step_is_the_requested_number_of_periods_even_where_more_are_due(
-        clock, monkeypatch, parameters,
-                                                           periods):
-    around = scheduled(start_paused=True, **parameters)
-    done = around.scheduler.step(periods)
+def test_a_step_is_the_requested_number_of_periods_even_if_more_are_due(
+        clock, monkeypatch, parameters, periods):
+    setup = scheduled(start_paused=True, **parameters)
+    done = setup.scheduler.step(periods)
     for _ in range(30):
-        tick(around, clock, 0.01)
-    assert around.plant.periods == periods and around.outputs.published == periods + 1
+        tick(setup, clock, 0.01)
+    assert setup.plant.periods == periods and setup.outputs.published == periods + 1
     assert done.done() and done.result() is True
-    assert around.scheduler.paused
+    assert setup.scheduler.paused
 
 
-def test_in_lockstep_time_waits_for_its_answer_and_asks_again(clock):
-    around = scheduled(lockstep=True, real_time_factor=0.0, lockstep_timeout=2.0)
+def test_in_lockstep_time_waits_for_an_answer_and_the_state_is_repeated(clock):
+    setup = scheduled(lockstep=True, real_time_factor=0.0, lockstep_timeout=2.0)
     for _ in range(10):
-        tick(around, clock, 0.05)
-    assert around.plant.periods == 0 and around.outputs.repeated == 2
-    around.scheduler.command_accepted(answer=True)
-    assert around.plant.periods == 1
-    around.scheduler.command_accepted(answer=True)
-    assert around.plant.periods == 2
-    around.gate.offer(1.0, 0.004, 0.004)
+        tick(setup, clock, 0.05)
+    assert setup.plant.periods == 0 and setup.outputs.repeated == 2
+    setup.scheduler.command_accepted(answer=True)
+    assert setup.plant.periods == 1
+    setup.scheduler.command_accepted(answer=True)
+    assert setup.plant.periods == 2
+    setup.gate.offer(1.0, 0.004, 0.004)
     for _ in range(50):
-        tick(around, clock, 0.05)
-    assert around.plant.periods == 2 and around.gate.torque(0.004) == 0.0
-    assert 'no command answers the state of t = 0.004 s: time is stopped' in around.log[-1]
-    assert 'subscribers of joint_states: 2' in around.log[-1]
+        tick(setup, clock, 0.05)
+    assert setup.plant.periods == 2 and setup.gate.torque(0.004) == 0.0
+    assert 'no command answers the state of t = 0.004 s: time is stopped' in setup.log[-1]
+    assert 'subscribers of joint_states: 2' in setup.log[-1]
 
 
 def test_in_lockstep_in_real_time_an_answer_waits_for_the_clock(clock):
-    around = scheduled(lockstep=True, real_time_factor=1.0)
-    tick(around, clock, 0.0)
-    around.scheduler.command_accepted(answer=True)
-    assert around.plant.periods == 0
-    tick(around, clock, 0.0021)
-    assert around.plant.periods == 1
-    tick(around, clock, 0.5)  # late answers are not caught up with
-    around.scheduler.command_accepted(answer=True)
-    around.scheduler.command_accepted(answer=True)
-    assert around.plant.periods == 2
+    setup = scheduled(lockstep=True, real_time_factor=1.0)
+    tick(setup, clock, 0.0)
+    setup.scheduler.command_accepted(answer=True)
+    assert setup.plant.periods == 0
+    tick(setup, clock, 0.0021)
+    assert setup.plant.periods == 1
+    tick(setup, clock, 0.5)  # late answers are not caught up with
+    setup.scheduler.command_accepted(answer=True)
+    setup.scheduler.command_accepted(answer=True)
+    assert setup.plant.periods == 2
 
 
-def test_an_answer_that_came_while_paused_counts_after(clock):
-    around = scheduled(lockstep=True, real_time_factor=0.0, start_paused=True)
-    around.scheduler.command_accepted(answer=True)
-    assert around.plant.periods == 0
-    around.scheduler.resume()
-    tick(around, clock, 0.05)
-    assert around.plant.periods == 1
+def test_an_answer_during_a_pause_counts_after_it(clock):
+    setup = scheduled(lockstep=True, real_time_factor=0.0, start_paused=True)
+    setup.scheduler.command_accepted(answer=True)
+    assert setup.plant.periods == 0
+    setup.scheduler.resume()
+    tick(setup, clock, 0.05)
+    assert setup.plant.periods == 1
 
 
-def test_a_failure_ends_the_step_is_logged_once_and_reset_ends_it(clock):
+def test_a_failure_ends_the_step_is_logged_once_and_is_cleared_by_reset(clock):
     falling = read_scene({
         'robot': 'gimball', 'robot_changes': {'contact_stiffness': 500.0}, 'duration': 1.0,
         'initial': {'y': 1.0, 'velocity_y': -10.0}}, 'test', 'test')
-    around = scheduled(falling, start_paused=True)
-    done = around.scheduler.step(1000)
+    setup = scheduled(falling, start_paused=True)
+    done = setup.scheduler.step(1000)
     for _ in range(100):
-        tick(around, clock, 0.02)
-    assert done.result() is False and len(around.failures) == 1
-    assert 'under the ground' in str(around.scheduler.failure)
-    assert sum('Nothing is published until ~/reset' in text for text in around.log) == 1
-    published = around.outputs.published
-    assert published == around.plant.periods + 1
-    around.scheduler.reset()
-    assert around.scheduler.failure is None and around.outputs.published == published + 1
-    assert around.scheduler.paused
+        tick(setup, clock, 0.02)
+    assert done.result() is False and len(setup.failures) == 1
+    assert 'under the ground' in str(setup.scheduler.failure)
+    assert sum('Nothing is published until ~/reset' in text for text in setup.log) == 1
+    published = setup.outputs.published
+    assert published == setup.plant.periods + 1
+    setup.scheduler.reset()
+    assert setup.scheduler.failure is None and setup.outputs.published == published + 1
+    assert setup.scheduler.paused
 
 
 def test_missing_commands_are_logged_once_each_time(clock):
-    around = scheduled(real_time_factor=0.0, start_paused=True, command_timeout=0.01)
+    setup = scheduled(real_time_factor=0.0, start_paused=True, command_timeout=0.01)
 
     def run(periods):
-        around.scheduler.step(periods)
-        while not around.scheduler.paused:
-            around.scheduler.tick()
+        setup.scheduler.step(periods)
+        while not setup.scheduler.paused:
+            setup.scheduler.tick()
     for _ in range(2):
         run(20)
-        around.gate.offer(1.0, around.plant.time, around.plant.time)
-        around.scheduler.command_accepted(answer=False)
+        setup.gate.offer(1.0, setup.plant.time, setup.plant.time)
+        setup.scheduler.command_accepted(answer=False)
         run(20)
-    assert len(around.log) == 2
-    assert 'no command for 0.01 s at t = 0.05' in around.log[0]
+    assert len(setup.log) == 2
+    assert 'no command for 0.01 s at t = 0.05' in setup.log[0]
 
 
 def test_a_step_counts_down_and_then_pauses_and_an_interruption_leaves_it_incomplete(clock):
-    around = scheduled(start_paused=True)
-    control, period = around.scheduler, around.plant.period
-    tick(around, clock, 5.0 * period)
-    assert control.paused and not around.plant.periods
+    setup = scheduled(start_paused=True)
+    control, period = setup.scheduler, setup.plant.period
+    tick(setup, clock, 5.0 * period)
+    assert control.paused and not setup.plant.periods
     done = control.step(2)
-    tick(around, clock, 1.5 * period)
+    tick(setup, clock, 1.5 * period)
     assert not control.paused and not done.done()
-    tick(around, clock, 5.0 * period)
-    assert control.paused and done.result() is True and around.plant.periods == 2
+    tick(setup, clock, 5.0 * period)
+    assert control.paused and done.result() is True and setup.plant.periods == 2
     ended = control.step(3)
     control.pause()
     assert control.paused and ended.result() is False

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of the simulated sensors would leave a lockstep run without its one answer a period."""
+"""Lockstep refuses sensor settings that prevent one answer per period."""
 import pytest
 from refusals import refused
 
@@ -10,11 +10,11 @@ from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 @pytest.mark.parametrize('given, named', [
     ({'observation_rate': 50.0}, 'terrain_rate'), ({'sensor_latency': 0.1}, 'sensor_latency'),
     ({'sensor_dropout': 0.1}, 'sensor_dropout')])
-def test_in_lockstep_each_observation_comes_once_and_immediately(given, named):
+def test_lockstep_refuses_repeated_late_and_missing_observations(given, named):
     with refused('inconsistent', named):
         check_lockstep(SimulatorSettings(lockstep=True, **given))
 
 
-def test_one_sensor_of_either_kind_goes_with_lockstep():
+def test_lockstep_accepts_one_sensor_of_either_kind():
     check_lockstep(SimulatorSettings(lockstep=True))
     check_lockstep(SimulatorSettings(lockstep=True, terrain_rate=0.0, observation_rate=50.0))

@@ -17,7 +17,7 @@ from ballbot_ros.ros.separate_process import run_in_process
 
 
 @pytest.mark.slow
-def test_a_refusal_comes_back_as_it_was_raised(gimball):
+def test_a_refusal_is_raised_again_unchanged(gimball):
     wild = replace(load_tuning('published'), position_kd=40.0)
     with refused('unstable', error=UnstableLoopError) as caught:
         run_in_process(check_loop, gimball, wild, Mode.HOLD, 500.0, 0)
@@ -25,7 +25,7 @@ def test_a_refusal_comes_back_as_it_was_raised(gimball):
 
 
 @pytest.mark.slow
-def test_an_error_with_reason_and_field_comes_back_whole():
+def test_an_error_keeps_its_reason_and_field():
     with refused('unknown_name', 'tuning', error=ConfigurationError):
         run_in_process(load_tuning, 'gentel')
 

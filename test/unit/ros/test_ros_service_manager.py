@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages to systemd, on a real socket: only a bridge that runs says that it is alive."""
+"""Messages to systemd on a real socket: only a running bridge sends watchdog messages."""
 import configparser
 import os
 from pathlib import Path
@@ -48,7 +48,7 @@ class Systemd:
 
 @pytest.fixture(params=('file', 'abstract'))
 def systemd(request, tmp_path, monkeypatch):
-    """Return a service manager that waits ten seconds for a sign of life."""
+    """Return a service manager with a watchdog timeout of ten seconds."""
     name = f'ballbot-test-{os.getpid()}'
     address = str(tmp_path / 'notify') if request.param == 'file' else f'@{name}'
     found = Systemd(address if request.param == 'file' else '\0' + name)
@@ -60,15 +60,15 @@ def systemd(request, tmp_path, monkeypatch):
 
 
 def session(e_stop='', trouble='', driver=True, timed_out=False):
-    """Return what is looked at of a session."""
+    """Return the parts of a session that the status depends on."""
     return SimpleNamespace(
         line=SimpleNamespace(trouble=trouble, driver=LOOP if driver else None),
         supervisor=SimpleNamespace(
             e_stop=e_stop and EStop(StopReason.REQUESTED, e_stop), timed_out=timed_out))
 
 
-def look(systemd, service, seconds, beats=True, loop=LOOP, failure=None):
-    """Look ten times a second for a while; return the messages."""
+def run_service(systemd, service, seconds, beats=True, loop=LOOP, failure=None):
+    """Notify ten times a second for some seconds; return the messages."""
     found = []
     for _ in range(round(10 * seconds)):
         systemd.now += 0.1
@@ -87,20 +87,20 @@ def test_ready_and_stopping_are_reported(systemd):
     assert systemd.messages() == ['READY=1', 'STOPPING=1']
 
 
-def test_a_running_bridge_is_alive_several_times_in_the_time_that_is_waited(systemd):
-    found = look(systemd, ServiceManager(), 60.0)
+def test_a_running_bridge_sends_several_watchdog_messages_per_timeout(systemd):
+    found = run_service(systemd, ServiceManager(), 60.0)
     assert found.count('WATCHDOG=1') == pytest.approx(6.0 * MESSAGES_PER_TIMEOUT, abs=2)
 
 
-def test_a_loop_that_stands_still_is_not_alive_though_the_executor_goes_on(systemd):
+def test_a_stalled_loop_stops_the_watchdog_messages_although_the_executor_runs(systemd):
     service = ServiceManager()
-    look(systemd, service, 5.0)
-    found = look(systemd, service, 60.0, beats=False)
+    run_service(systemd, service, 5.0)
+    found = run_service(systemd, service, 60.0, beats=False)
     assert found.count('WATCHDOG=1') <= 1
-    assert 'WATCHDOG=1' in look(systemd, service, 10.0)
+    assert 'WATCHDOG=1' in run_service(systemd, service, 10.0)
 
 
-def test_an_executor_that_stands_still_says_nothing_though_the_loop_goes_on(systemd):
+def test_a_stalled_executor_sends_no_message_although_the_loop_runs(systemd):
     service = ServiceManager()
     for _ in range(1000):
         systemd.now += 0.1
@@ -108,14 +108,14 @@ def test_an_executor_that_stands_still_says_nothing_though_the_loop_goes_on(syst
     assert not systemd.messages()
 
 
-def test_a_bridge_that_has_failed_is_not_alive(systemd):
+def test_a_failed_bridge_sends_no_watchdog_message(systemd):
     service = ServiceManager()
-    assert 'WATCHDOG=1' not in look(systemd, service, 20.0, failure=ValueError())
+    assert 'WATCHDOG=1' not in run_service(systemd, service, 20.0, failure=ValueError())
 
 
 def test_a_missing_drive_does_not_stop_the_watchdog_messages(systemd):
     service = ServiceManager()
-    found = look(systemd, service, 30.0, beats=False, loop=None)
+    found = run_service(systemd, service, 30.0, beats=False, loop=None)
     assert found.count('WATCHDOG=1') >= 10
 
 
@@ -125,7 +125,7 @@ def test_a_missing_drive_does_not_stop_the_watchdog_messages(systemd):
     (LOOP, {'driver': False, 'trouble': 'unplugged'}, 'looking for the drive: unplugged'),
     (LOOP, {'e_stop': 'engaged at start'}, 'e-stop: engaged at start'),
     (LOOP, {'timed_out': True}, 'commands timed out'), (LOOP, {}, 'running')])
-def test_the_status_says_why_the_motor_has_no_power_and_only_when_it_changes(
+def test_the_status_names_the_cause_of_missing_power_and_is_sent_only_on_change(
         systemd, monkeypatch, loop, state, status):
     monkeypatch.delenv('WATCHDOG_USEC')
     service = ServiceManager()
@@ -140,7 +140,7 @@ def test_the_status_says_why_the_motor_has_no_power_and_only_when_it_changes(
 def test_a_process_without_a_watchdog_sends_no_watchdog_message(systemd, monkeypatch, changes):
     for name, value in changes.items():
         monkeypatch.setenv(name, value)
-    assert 'WATCHDOG=1' not in look(systemd, ServiceManager(), 20.0)
+    assert 'WATCHDOG=1' not in run_service(systemd, ServiceManager(), 20.0)
 
 
 def test_without_systemd_nothing_is_sent(monkeypatch):
@@ -151,7 +151,7 @@ def test_without_systemd_nothing_is_sent(monkeypatch):
     service.stopping()
 
 
-def test_a_socket_that_is_gone_or_full_does_no_harm(systemd):
+def test_a_closed_or_full_socket_does_no_harm(systemd):
     service = ServiceManager()
     for _ in range(5000):
         service.ready()
@@ -160,7 +160,7 @@ def test_a_socket_that_is_gone_or_full_does_no_harm(systemd):
 
 
 @pytest.mark.parametrize('path', UNITS, ids=lambda path: path.stem)
-def test_the_units_are_well_formed_and_run_nodes_that_there_are(path):
+def test_the_units_are_well_formed_and_run_existing_nodes(path):
     unit = configparser.ConfigParser(strict=True, interpolation=None)
     unit.optionxform = str
     unit.read(path)
@@ -174,7 +174,7 @@ def test_the_units_are_well_formed_and_run_nodes_that_there_are(path):
         assert 'Unknown' not in done.stderr, done.stderr
 
 
-def test_the_bridge_has_the_limits_and_the_heartbeat_that_it_asks_for():
+def test_the_unit_of_the_bridge_grants_the_limits_and_the_watchdog_of_its_parameters():
     unit = configparser.ConfigParser(interpolation=None)
     unit.optionxform = str
     unit.read(ROOT / 'config' / 'systemd' / 'ballbot-bridge.service')
@@ -187,8 +187,8 @@ def test_the_bridge_has_the_limits_and_the_heartbeat_that_it_asks_for():
 
 
 @pytest.mark.parametrize('path', UNITS, ids=lambda path: path.stem)
-def test_logs_black_box_and_machine_code_go_where_a_service_may_write(path):
-    # rclpy does not start where it cannot make the folder of its logs.
+def test_logs_black_box_and_machine_code_are_in_writable_folders_of_the_service(path):
+    # rclpy does not start if it cannot create its log folder.
     unit = configparser.ConfigParser(interpolation=None)
     unit.optionxform = str
     unit.read(path)
@@ -201,7 +201,7 @@ def test_logs_black_box_and_machine_code_go_where_a_service_may_write(path):
 
 @pytest.mark.parametrize('name, cls', [
     ('bridge', BridgeSettings), ('imu', ImuSettings)])
-def test_the_parameter_files_of_the_services_hold(name, cls):
+def test_the_parameter_files_of_the_services_are_valid(name, cls):
     path = ROOT / 'config' / 'systemd' / f'{name}.yaml'
     values = yaml.safe_load(path.read_text())['/**']['ros__parameters']
     checked_values(cls, values, path.name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two that ask for motion on board: one is followed, the other is refused."""
+"""With two senders of set-points, one is followed and the other is refused."""
 from collections import Counter
 from functools import partial
 import math
@@ -22,22 +22,22 @@ from ballbot_ros.ros.message_bytes import command_bytes
 from ballbot_ros.ros.rclpy_compat import new_executor
 from ballbot_ros.ros.set_points import REFUSED_PAUSE, SetPoints
 
-# What was asked for and is not followed.
-overheard = []
+# Requests that are not followed.
+unfollowed = []
 
 
 @pytest.fixture
 def robot(make_node, spinner):
-    """Return what is followed, what is refused, two peers, and a function that lets time pass."""
+    """Return inputs, followed set-points, refusal counts, two peers, and a function that spins."""
     node, peers = make_node(Node, 'robot'), [make_node(Node, name) for name in 'ab']
     followed, refused = [], Counter()
-    overheard.clear()
-    inputs = SetPoints(node, followed.append, refused, overheard.append, steers=False)
+    unfollowed.clear()
+    inputs = SetPoints(node, followed.append, refused, unfollowed.append, steers=False)
     spinner.add(node, *peers)
     return inputs, followed, refused, peers, spinner.until
 
 
-def test_the_first_is_followed_until_it_is_silent_for_long_enough(robot):
+def test_the_first_sender_is_followed_until_its_timeout(robot):
     inputs, followed, refused, (a, b), until = robot
     angles = a.create_publisher(JointState, 'set_point', 1)
     speeds = b.create_publisher(TwistStamped, 'cmd_vel', 1)
@@ -48,8 +48,8 @@ def test_the_first_is_followed_until_it_is_silent_for_long_enough(robot):
     assert {one.mode for one in followed} == {Mode.HOLD}
     assert inputs.authority.holder == '/a'
     assert inputs.authority.contest.startswith('/b commands')
-    # It asks for motion all the same, and no e-stop is released meanwhile.
-    assert {one.mode for one in overheard} == {Mode.SPEED}
+    # Its requests for motion are still recorded, and inhibit a release of the e-stop.
+    assert {one.mode for one in unfollowed} == {Mode.SPEED}
     until(lambda: followed[-1].mode is Mode.SPEED, ask[1])
     assert inputs.authority.holder == '/b'
 
@@ -64,7 +64,7 @@ def test_a_flood_of_refused_messages_is_processed_at_a_bounded_rate(robot):
 
 
 def speed(kind, linear=0.0, angular=0.0):
-    """Return a message of a type."""
+    """Return a speed message of the given type."""
     message = kind()
     twist = message if kind is Twist else message.twist
     twist.linear.x, twist.angular.z = linear, angular
@@ -72,15 +72,15 @@ def speed(kind, linear=0.0, angular=0.0):
 
 
 @pytest.mark.parametrize('kinds', [(Twist, TwistStamped), (TwistStamped, Twist)])
-def test_the_type_of_the_publisher_of_speeds_is_followed(kinds, monkeypatch):
-    # A process has one type for each topic and context, so the publisher has its own.
+def test_speeds_are_followed_with_the_type_of_their_publisher(kinds, monkeypatch):
+    # A topic has one type per process and context, so the publisher has its own context.
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     contexts = Context(), Context()
     for one in contexts:
         rclpy.init(context=one, domain_id=231)
     node, peer = (Node(name, context=one) for name, one in zip(('robot', 'teleop'), contexts))
     followed, refused, executor = [], Counter(), new_executor(contexts[0])
-    SetPoints(node, followed.append, refused, overheard.append, steers=False)
+    SetPoints(node, followed.append, refused, unfollowed.append, steers=False)
     executor.add_node(node)
     deadline = time.monotonic() + 40.0
     for kind in kinds:
@@ -136,16 +136,16 @@ def test_a_simulator_refuses_commands_of_two_publishers(make_node, spinner):
     assert simulator._gate.accepted == accepted
 
 
-def test_set_points_of_a_remapped_topic_are_left_to_its_other_follower(make_node, spinner):
+def test_set_points_of_a_remapped_topic_are_left_to_its_other_subscriber(make_node, spinner):
     def give(given):
         raise MessageError('the laws are elsewhere', 'direct', 'control')
     node = make_node(partial(Node, cli_args=['--ros-args', '-r', 'set_point:=goal']), 'robot')
     refused, peer = Counter(), make_node(Node, 'peer')
-    inputs = SetPoints(node, give, refused, overheard.append, steers=False)
+    inputs = SetPoints(node, give, refused, unfollowed.append, steers=False)
     follow = partial(inputs._take, 'set_point', set_point, set_point_message(to_time(1.0), 0.25))
     follow()
     assert refused == {'direct': 1}
-    peer.create_subscription(JointState, 'goal', overheard.append, 1)
+    peer.create_subscription(JointState, 'goal', unfollowed.append, 1)
     spinner.until(lambda: node.count_subscribers('goal') == 2)
     follow()
     assert refused == {'direct': 1}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the parameters of the nodes are can be said where no ROS is: `ballbot replay` does."""
+"""The parameters of the nodes are available without ROS, as `ballbot replay` requires."""
 import subprocess
 import sys
 
@@ -19,6 +19,6 @@ print(SimulatorSettings().control)
 
 
 @pytest.mark.slow
-def test_the_settings_of_the_nodes_are_known_without_ros():
+def test_the_settings_of_the_nodes_are_available_without_ros():
     done = subprocess.run([sys.executable, '-c', WITHOUT_ROS], capture_output=True, text=True)
     assert done.stdout.strip() == 'direct', done.stderr

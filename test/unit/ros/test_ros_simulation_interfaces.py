@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""simulation_interfaces, as a client meets them: codes, states, steps, entities."""
+"""simulation_interfaces as a client uses them: codes, states, steps, entities."""
 import math
 
 import pytest
@@ -62,7 +62,7 @@ def client(spinner, make_node, simulator):
     return Client(spinner, simulator, make_node(Node, 'client'))
 
 
-def test_features_are_those_that_are_served(client):
+def test_the_supported_features_are_reported(client):
     features = client.ask(srv.GetSimulatorFeatures).features
     assert SimulatorFeatures.STEP_SIMULATION_ACTION in features.features
     assert SimulatorFeatures.SIMULATION_RESET_TIME in features.features
@@ -76,7 +76,7 @@ def test_states_and_transitions_have_their_codes(client, simulator):
     assert client.set_state(PAUSED) == answer.INCORRECT_TRANSITION
     assert client.set_state(PLAYING) == OK and client.state() == PLAYING
     assert client.code(srv.StepSimulation, steps=1) == FAILED
-    client.wait(lambda: simulator._plant.periods)  # what has not started is stopped, not paused
+    client.wait(lambda: simulator._plant.periods)  # before its start it is stopped, not paused
     assert client.set_state(PAUSED) == OK and client.state() == PAUSED
     assert client.set_state(PAUSED) == answer.ALREADY_IN_TARGET_STATE
     assert client.set_state(STOPPED) == OK and client.state() == STOPPED
@@ -84,7 +84,7 @@ def test_states_and_transitions_have_their_codes(client, simulator):
     assert client.set_state(SimulationState.STATE_QUITTING) == UNSUPPORTED
 
 
-def test_steps_run_exactly_and_none_is_refused(client, simulator):
+def test_steps_run_exactly_and_zero_steps_are_refused(client, simulator):
     assert client.code(srv.StepSimulation, steps=7) == OK
     assert simulator._plant.periods == 7 and client.state() == PAUSED
     assert client.code(srv.StepSimulation, steps=0) == FAILED
@@ -154,16 +154,16 @@ def test_entities_are_filtered_and_unknown_ones_not_found(client):
     assert client.code(srv.SetEntityState, entity='missing') == NOT_FOUND
 
 
-def test_the_robot_is_put_where_it_is_asked_for_and_never_into_the_ground(client):
+def test_the_robot_is_set_to_a_requested_pose_unless_it_is_invalid(client):
     robot = client.ask(srv.GetEntities).entities[0]
 
     def put(**changes):
         state = EntityState()
         state.pose.position.z, state.pose.orientation.w = 0.3, 1.0
         for path, value in changes.items():
-            *way, last = path.split('__')
+            *parents, last = path.split('__')
             part = state
-            for name in way:
+            for name in parents:
                 part = getattr(part, name)
             setattr(part, last, value)
         return client.code(srv.SetEntityState, entity=robot, state=state, set_pose=True,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The publisher of commands is known by the graph, and two of them are refused."""
+"""The publisher of commands is found in the graph, and two publishers are refused."""
 from types import SimpleNamespace
 
 import pytest
@@ -14,13 +14,13 @@ from ballbot_ros.ros.single_publisher import RESTART_TIME, SinglePublisher
 
 
 class Graph:
-    """The publishers of one topic, as a node finds them."""
+    """The publishers of one topic as seen by a node."""
 
     def __init__(self):
         self.nodes, self.now, self.queries = [], 100.0, 0
 
     def resolve_topic_name(self, topic):
-        return f'/arm/{topic}'  # remapped, as the queries are not
+        return f'/arm/{topic}'  # remapped, unlike the queries
 
     def count_publishers(self, topic):
         return len(self.nodes) if topic.startswith('/arm/') else 0
@@ -33,7 +33,7 @@ class Graph:
 
 @pytest.fixture
 def graph(monkeypatch):
-    """Return a graph whose time only the test moves."""
+    """Return a graph with a simulated clock."""
     graph = Graph()
     monkeypatch.setattr(single_publisher, 'time', SimpleNamespace(monotonic=lambda: graph.now))
     return graph
@@ -45,7 +45,7 @@ def test_the_only_publisher_is_named(graph):
     for _ in range(10):
         assert found.name() == '/a'
         graph.now += 0.05
-    assert graph.queries == 1  # the count of publishers costs less, and has not changed
+    assert graph.queries == 1  # the count of publishers, which is cheaper, has not changed
 
 
 @pytest.mark.parametrize('nodes', [[], ['_NODE_NAME_UNKNOWN_']])
@@ -72,7 +72,7 @@ def test_two_publishers_are_refused_by_name_until_one_ends(graph):
 
 
 @pytest.mark.parametrize('killed', ['a', '_NODE_NAME_UNKNOWN_'])
-def test_a_node_that_was_killed_and_started_again_is_followed(graph, killed):
+def test_a_node_that_is_killed_and_restarted_is_followed(graph, killed):
     found = SinglePublisher(graph, 'joint_commands')
     graph.nodes = ['a', killed]  # the killed one is in the graph until its lease ends
     for _ in range(3):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulator on a floor and a controller: yaw rates on cmd_vel turn the ball, with all topics."""
+"""A simulator on a floor with a controller: yaw rates on cmd_vel turn the ball in all topics."""
 import math
 from types import SimpleNamespace
 
@@ -73,7 +73,7 @@ def test_a_yaw_rate_on_cmd_vel_is_followed(drive, control):
     plant, seen = drive(5.0, 0.4, 0.2, control, **settings)
     assert plant.lateral.yaw_rate == pytest.approx(0.2, abs=0.02)
     x, y, heading = plant.relative_pose
-    # All topics are of nearly the same time.
+    # All topics have nearly the same time.
     assert seen.odom.twist.twist.angular.z == pytest.approx(0.2, abs=0.02)
     turned = 2.0 * math.atan2(seen.odom.pose.pose.orientation.z, seen.odom.pose.pose.orientation.w)
     assert turned == pytest.approx(heading, abs=0.05)
@@ -105,7 +105,7 @@ def test_sensors_measure_along_the_heading(drive):
     assert (seen.map.info.width, seen.map.info.height) == (240, 240)
 
 
-def test_the_place_of_odom_on_the_map_is_exact_or_drifts(make_node):
+def test_the_pose_of_odom_on_the_map_is_exact_or_drifts(make_node):
     plant = plant_for(SimulatorSettings(floor='apartment'))
     plant.put(plant.state, (2.0, 1.0, 0.5))
     exact = PlaceOnMap(make_node(Node, 'exact'), plant, SimulatorSettings())
@@ -116,7 +116,7 @@ def test_the_place_of_odom_on_the_map_is_exact_or_drifts(make_node):
     errors = []
     for number in range(2000):
         east, north, heading = drifting.of_odom(10.0 * number)
-        # The robot by the transforms of map and odom.
+        # Error of the pose of the robot by the transforms of map and odom.
         errors.append((east + math.cos(heading) * x - math.sin(heading) * y - 2.0,
                        north + math.sin(heading) * x + math.cos(heading) * y - 1.0,
                        heading + turn - 0.5))
@@ -130,7 +130,7 @@ def test_a_robot_without_steering_refuses_to_turn(drive, tmp_path, yaw_rate, fol
     straight = tmp_path / 'straight.yaml'
     straight.write_text(text[:text.index('\nsteering:')])
     plant, seen = drive(1.0, 0.3, yaw_rate, 'onboard', robot=str(straight))
-    # A message with a turn is refused as a whole.
+    # A message with a yaw rate is refused completely.
     assert (plant.state.velocity_x > 0.1) is followed and plant.steers is False
     assert list(seen.joint_states.name) == ['shell', 'pendulum']
 

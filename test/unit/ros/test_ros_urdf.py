@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The robot description stands where the model stands; needs no ROS."""
+"""The robot description agrees with the model; needs no ROS."""
 from dataclasses import replace
 import math
 from xml.etree import ElementTree
@@ -26,7 +26,7 @@ def numbers(text):
 
 
 def placed(element):
-    """Return the transform of an `origin`: fixed-axis roll, pitch and yaw, as URDF has it."""
+    """Return the transform of an `origin`: fixed-axis roll, pitch and yaw, as in URDF."""
     origin = element.find('origin')
     roll, pitch, yaw = numbers(origin.get('rpy'))
     frame = np.eye(4)
@@ -36,24 +36,24 @@ def placed(element):
     return frame
 
 
-def stand(tree, angles, at):
-    """Return the transform of each link for joint angles, with the root at a place."""
+def poses(tree, angles, at):
+    """Return the transform of each link for joint angles, with the root at a position."""
     joints = {joint.find('child').get('link'): joint for joint in tree.findall('joint')}
 
-    def place(link):
+    def transform(link):
         if link not in joints:
             root = np.eye(4)
             root[:3, 3] = at
             return root
         joint = joints[link]
-        frame = place(joint.find('parent').get('link')) @ placed(joint)
+        frame = transform(joint.find('parent').get('link')) @ placed(joint)
         if joint.get('type') != 'fixed':
             turn = np.eye(4)
             turn[:3, :3] = turned(numbers(joint.find('axis').get('xyz')),
                                   angles[joint.get('name')])
             frame = frame @ turn
         return frame
-    return {link.get('name'): place(link.get('name')) for link in tree.findall('link')}
+    return {link.get('name'): transform(link.get('name')) for link in tree.findall('link')}
 
 
 def described(robot, **names):
@@ -63,18 +63,18 @@ def described(robot, **names):
 
 def posed(robot, state):
     """Return the transforms of the links in a state of the model, as joint_states reports it."""
-    return stand(described(robot), {'shell': state.ball_angle, 'pendulum': state.joint_angle},
+    return poses(described(robot), {'shell': state.ball_angle, 'pendulum': state.joint_angle},
                  (state.x, 0.0, state.y))
 
 
 def centre_of_mass(tree, name, frames):
-    """Return where the mass of a link is."""
+    """Return the position of the centre of mass of a link."""
     inertial, = [link.find('inertial') for link in tree.findall('link')
                  if link.get('name') == name]
     return (frames[name] @ placed(inertial))[:3, 3]
 
 
-def test_the_links_are_where_the_model_has_them(gimball):
+def test_the_links_have_the_positions_of_the_model(gimball):
     run = load_scene('fig7_top').simulate()
     for row in (0, len(run['x']) // 2, -1):
         x, y, phi = (float(run[name][row]) for name in ('x', 'y', 'pendulum_angle'))
@@ -88,7 +88,7 @@ def test_the_links_are_where_the_model_has_them(gimball):
             [x + length * math.sin(phi), 0.0, y - length * math.cos(phi)])
 
 
-def test_a_ball_that_rolls_forward_stands_still_where_it_touches(gimball):
+def test_the_lowest_point_of_a_rolling_ball_is_at_rest(gimball):
     rolling = Model(gimball, Terrain.flat()).at_rest(0.0, speed=0.8)
     assert rolling.ball_rate < 0.0
     later = rolling._replace(x=rolling.x + 0.8e-6, ball_angle=1e-6 * rolling.ball_rate)
@@ -97,7 +97,7 @@ def test_a_ball_that_rolls_forward_stands_still_where_it_touches(gimball):
     assert (after @ lowest - before @ lowest)[:3] == pytest.approx(np.zeros(3), abs=1e-8)
 
 
-def test_the_mark_of_the_shell_turns_as_the_ball_angle(gimball):
+def test_the_mark_of_the_shell_turns_with_the_ball_angle(gimball):
     link, = [link for link in described(gimball).findall('link')
              if link.get('name') == 'ball_link']
     mark, = [placed(shape) for shape in link.findall('visual')
@@ -120,13 +120,13 @@ def test_the_patches_of_the_band_lie_flat_on_the_shell(gimball):
         assert abs(patch[:3, 2] @ patch[:3, 3]) == pytest.approx(gimball.ball_radius)
 
 
-def test_masses_inertia_and_limits_are_those_of_the_robot_file(gimball):
+def test_masses_inertia_and_limits_agree_with_the_robot_file(gimball):
     tree = described(gimball)
     inertials = {link.get('name'): (float(link.find('inertial/mass').get('value')),
-                               float(link.find('inertial/inertia').get('iyy')))
-            for link in tree.findall('link') if link.find('inertial') is not None}
+                                    float(link.find('inertial/inertia').get('iyy')))
+                 for link in tree.findall('link') if link.find('inertial') is not None}
     assert inertials == {'ball_link': (gimball.ball_mass, gimball.ball_inertia),
-                    'pendulum_link': (gimball.pendulum_mass, gimball.pendulum_inertia)}
+                         'pendulum_link': (gimball.pendulum_mass, gimball.pendulum_inertia)}
     limit = tree.find('joint[@name="pendulum"]/limit')
     assert float(limit.get('effort')) == gimball.motor.maximum_torque
     assert float(limit.get('velocity')) == pytest.approx(9.6)
@@ -164,6 +164,6 @@ def test_the_command_prints_the_description(gimball, capsys):
     assert capsys.readouterr().out == robot_description(gimball)
 
 
-def test_a_description_of_no_robot_is_refused(capsys):
+def test_a_description_without_a_robot_is_refused(capsys):
     assert main(['robots', '--urdf']) != 0
     assert 'needs the name of a robot' in capsys.readouterr().err
