@@ -14,10 +14,10 @@ the caller handles gear, direction and zero of the pendulum joint.  A session::
         driver.send_torque(torque)      # one write: the command and the next requests
     driver.stop()                       # repeated until the drive confirms
 
-`identify`, `read_settings`, `arm` and `stop` wait for answers, never longer than their
-``timeout``.  `poll`, `send_torque`, `send_stop`, `ask` and `feed` do not wait: a reply that is
-delayed or lost is counted and requested again.  Each of them raises `LinkError` when the line is
-gone; then close the link and open it again.
+`identify`, `read_settings`, `arm`, `stop` and `clear_faults` wait for answers, never longer than
+their ``timeout``.  `poll`, `send_torque`, `send_stop`, `ask` and `feed` do not wait: a reply that
+is delayed or lost is counted and requested again.  Each of them raises `LinkError` when the line
+is gone; then close the link and open it again.
 
 `Driver` in driver.py is the base class that keeps this contract for all protocols: torque only
 while armed, finite and within the limit; a stop repeated until it is confirmed.

@@ -231,11 +231,15 @@ class Driver(ABC):
         """
         Enable motor power at zero torque.
 
-        Raises `DriveError` with reason ``not_armed`` and the reported faults if the drive refuses.
+        Raises `DriveError` with reason ``not_armed`` and the reported faults if the drive refuses,
+        ``silent`` if replies are overdue.
         """
-        self._until(lambda: self._may_ask, self.clock() + timeout)
+        deadline = self.clock() + timeout
+        if not self._until(lambda: self._may_ask, deadline):
+            raise self._error(
+                f'replies of the {self.maker} to earlier requests are overdue', 'silent')
         self.telemetry = self.telemetry._replace(hazards=())
-        self._arm(self.clock() + timeout)
+        self._arm(deadline)
         self._armed = True
 
     def stop(self, timeout: float = 0.5) -> None:

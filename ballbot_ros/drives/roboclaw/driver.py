@@ -138,8 +138,9 @@ class RoboClaw(Driver):
         No command of a RoboClaw clears faults: temperature faults clear with their cause, all
         others with a reset (commands 200 to 202, for an e-stop, belong to the MCP series).
         """
+        deadline = self.clock() + timeout
         self.stop(timeout)
-        self._ask(codec.GET_STATUS, self.clock() + timeout)
+        self._ask(codec.GET_STATUS, deadline)
         if self.telemetry.faults:
             raise self._error(
                 f'the RoboClaw reports {", ".join(self.telemetry.faults)}, which clear with their '

@@ -185,6 +185,34 @@ def test_each_call_that_waits_gives_up_after_half_a_second(bench, call, reason):
     assert bench.now - begin == pytest.approx(0.5, abs=0.06)
 
 
+@pytest.mark.parametrize('timeout', [0.04, 0.5])
+def test_arming_after_lost_replies_takes_no_longer_than_its_timeout(bench, timeout):
+    bench.to_drive = lambda data: b''
+    bench.cycles(5, None)
+    bench.pass_time(0.045)  # until a reply is overdue
+    begin = bench.now
+    with pytest.raises(DriveError) as raised:
+        bench.driver.arm(timeout)
+    assert raised.value.reason in ('silent', 'not_armed')
+    assert bench.now - begin == pytest.approx(timeout, abs=0.03)
+
+
+@pytest.mark.parametrize('kind', ['roboclaw', 'vesc', 'vesc_can'])
+def test_a_stop_is_part_of_the_timeout_for_clearing_faults(bench):
+    begin, stops = bench.now, []
+
+    def lose_all_but_a_late_stop(data):
+        if stops or bench.now < begin + 0.4:
+            return b''
+        stops.append(data)
+        return data
+    bench.to_drive = lose_all_but_a_late_stop
+    with pytest.raises(DriveError) as raised:
+        bench.driver.clear_faults(timeout=0.5)
+    assert stops and raised.value.reason in ('silent', 'not_clearable')
+    assert bench.now - begin == pytest.approx(0.5, abs=0.03)
+
+
 @pytest.mark.parametrize('kind, fault', [
     ('roboclaw', 'DRIVER_FAULT'), ('vesc', 'ABS_OVER_CURRENT')])
 def test_a_motor_with_a_fault_is_not_armed(kind, fault):
