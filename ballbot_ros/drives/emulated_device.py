@@ -118,7 +118,8 @@ class Device(ABC):
 
     def power(self) -> float:
         """Return the power at the shaft and of the losses in the winding [W]."""
-        return self.torque() * self.sensed.velocity + self.settings.resistance * self.current()**2
+        current = self.current()  # a square of a float would raise `OverflowError`
+        return self.torque() * self.sensed.velocity + self.settings.resistance * current * current
 
     def second_torque(self) -> float:
         """Return the torque of a motor on the other output [N m]; 0 where there is none."""

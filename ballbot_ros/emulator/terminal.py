@@ -152,7 +152,7 @@ class SlcanAdapter(PseudoTerminal):
     def _execute(self, command: bytes) -> None:
         if command[:1] in (b'O', b'C'):
             self._open = command[:1] == b'O'
-        elif command[:1] == b'S' and command[1:].isdigit() and int(command[1:]) < len(BIT_RATES):
+        elif re.fullmatch(b'S[0-8]', command):
             self._bit_rate = BIT_RATES[int(command[1:])]
         elif command:
             self._answer(FAILED)

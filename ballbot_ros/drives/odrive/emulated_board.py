@@ -239,6 +239,7 @@ class BoardDevice(Device):
                 * here[VELOCITY_LIMIT]:
             self.trip('overspeed')
         if here[self.names.brake_enabled] and not here[self.names.brake_resistance] > 0.0:
+            self._brake_armed = False
             self.trip('brake_resistance')
         elif self.armed and self.supply_current() < here[MAX_BACK]:
             self._brake_armed = False

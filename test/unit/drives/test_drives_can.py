@@ -19,7 +19,7 @@ from ballbot_ros.drives.capture import Recorder
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.drives.vesc.can import codec as vesc_can
 from ballbot_ros.drives.vesc.can.emulated import VescCanDevice
-from ballbot_ros.emulator.terminal import parse_frame, SlcanAdapter, text_of
+from ballbot_ros.emulator.terminal import BIT_RATES, parse_frame, SlcanAdapter, text_of
 from ballbot_ros.errors import DriveError, LinkError
 
 RATE = 1000000
@@ -263,6 +263,15 @@ def test_malformed_frames_of_a_serial_adapter_are_skipped():
                 link.read()
     with refused('missing', 'port', LinkError):
         CanLink(adapter.path, RATE)
+
+
+def test_a_serial_adapter_goes_on_after_a_bit_rate_of_thousands_of_digits():
+    adapter = SlcanAdapter()
+    with open(adapter.path, 'r+b', buffering=0) as host:
+        for text in (b'S' + 3000 * b'1', 3000 * b'1' + b'\r', b'S5\r'):
+            host.write(text)
+            assert adapter.read() == b''
+    assert adapter.baud == BIT_RATES[5]
 
 
 def test_an_adapter_without_that_bit_rate_says_so():

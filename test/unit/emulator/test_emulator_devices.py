@@ -94,6 +94,16 @@ def test_odrive_obeys_damaged_lines_like_the_firmware(board, line, torque):
 def test_odrive_passes_over_a_line_that_is_too_long(board):
     assert board.receive(b'r' * 300, 0.0) == b''
     assert board.receive(b'\nr axis0.error\n', 0.0) == b'0\r\n'
+    assert board.receive(b'c ' + 5000 * b'1' + b'\nr axis0.error\n', 0.0) == b'0\r\n'
+
+
+@pytest.mark.parametrize('lines', [
+    b'w test_property inf\n', b'w test_property nan\n', b'w test_property 1e999\n',
+    b'w config.enable_brake_resistor 1\nsc\nw config.brake_resistance 0\nr ibus\n',
+    b'w axis0.requested_state 8\nw axis0.motor.config.torque_lim -1e300\nc 0 1\n'])
+def test_odrive_goes_on_after_any_number(board, lines):
+    board.receive(lines, 0.0)
+    assert board.receive(b'r test_property\n', 0.0) == b'0\r\n'
 
 
 # VESC

@@ -53,7 +53,7 @@ class ODriveDevice(BoardDevice):
         reply = b''
         *lines, rest = LINE_ENDS.split(self._line + data)
         for line in lines:
-            if self._reading:
+            if self._reading and len(line) < LONGEST_COMMAND:
                 reply += self._sent(self._line_received(line, now), now)
                 self.tick(now)
             self._reading = True
@@ -154,7 +154,9 @@ class ODriveDevice(BoardDevice):
         number = re.match(FLOAT, words[1])
         old = self.properties[name]
         if number is not None and name not in self.firmware.read_only:
-            self.properties[name] = type(old)(float(number[1]))
+            value = float(number[1])
+            if isinstance(old, float) or math.isfinite(value):
+                self.properties[name] = type(old)(value)
         return []
 
     def _own_name(self, name: str) -> str:
