@@ -59,9 +59,7 @@ class Direction:
         """Send bytes at `now` [s]."""
         if self.garbled:
             data = data.translate(WRONG_BAUD)
-        for byte in self.faults.damage(data, self._rng):
-            self._free_at = max(self._free_at, now) + self._byte_time
-            self._in_transit.append((self._free_at + self.faults.delay, byte))
+        self._transmit(self.faults.damage(data, self._rng), now)
 
     def take(self, now: float) -> bytes:
         """Return the bytes that have arrived by `now` [s]."""
@@ -80,12 +78,19 @@ class Direction:
         self._in_transit.clear()
         self._free_at = 0.0
 
+    def _transmit(self, data: bytes, start: float) -> None:
+        for byte in data:
+            self._free_at = max(self._free_at, start) + self._byte_time
+            self._in_transit.append((self._free_at + self.faults.delay, byte))
+
     def _make_garbage(self, now: float) -> None:
-        """Insert the random bytes for the time since the last call."""
+        """Transmit the random bytes for the time since the last call, while the line was idle."""
         if self.faults.garbage:
-            number = int(self.faults.garbage * min(now - self._garbage_at, 0.1))
-            if number:
+            start = max(self._garbage_at, now - 0.1)
+            number = int(min(self.faults.garbage * (now - start),
+                             (now - max(self._free_at, start)) / self._byte_time))
+            if number > 0:
                 self._garbage_at = now
-                self._in_transit.extend((now, self._rng.randrange(256)) for _ in range(number))
+                self._transmit(self._rng.randbytes(number), start)
         else:
             self._garbage_at = now

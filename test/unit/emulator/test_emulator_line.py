@@ -59,6 +59,23 @@ def test_garbage_arrives_unrequested_at_its_rate():
         5000, abs=100)
 
 
+def test_garbage_takes_its_time_and_the_delay_like_other_bytes():
+    bad = line(baud=1000, garbage=1e6, delay=0.5)
+    bad.put(b'a', now=0.0)
+    assert bad.take(0.1) == b''
+    assert bad.take(0.505) == b''
+    arrived = bad.take(0.7)
+    assert arrived.startswith(b'a') and 5 < len(arrived) <= 20
+
+
+def test_garbage_leaves_room_for_other_bytes():
+    bad = line(baud=1000, garbage=1e6)
+    for tick in range(1, 101):
+        bad.take(0.01 * tick)
+    bad.put(b'a', now=1.0)
+    assert bad.take(1.011).endswith(b'a')
+
+
 def test_another_baud_rate_turns_text_into_no_text():
     bad = line()
     bad.garbled = True
