@@ -295,8 +295,9 @@ class Emulator:
         if self.read_rate == math.inf:
             return self.terminal.read()
         self._credit = min(self._credit + self.read_rate * elapsed, 4096.0)
+        before = self.terminal.received  # an adapter returns more than it reads
         data = self.terminal.read(int(self._credit))
-        self._credit -= len(data)
+        self._credit -= self.terminal.received - before
         return data
 
     def _advance_ball(self, now: float) -> None:

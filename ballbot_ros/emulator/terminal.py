@@ -32,6 +32,7 @@ class PseudoTerminal:
 
     def __init__(self, link: Optional[Path] = None):
         self._link = link
+        self.received = 0  # number of bytes read so far
         self._master = self._slave = -1
         if link is not None and link.exists() and not link.is_symlink():
             raise ConfigurationError(
@@ -95,9 +96,11 @@ class PseudoTerminal:
     def read(self, most: int = 4096) -> bytes:
         """Return the received data, which may be empty."""
         try:
-            return os.read(self._master, most) if self.plugged and most > 0 else b''
+            data = os.read(self._master, most) if self.plugged and most > 0 else b''
         except OSError:
-            return b''
+            data = b''
+        self.received += len(data)
+        return data
 
     def write(self, data: bytes) -> None:
         """Send data; bytes that are not read are lost, as on a real line."""

@@ -14,6 +14,7 @@ from waiting import wait_until
 
 from ballbot_ros.drives import (
     DRIVES, line_of, open_driver, open_line, read_options, SERIAL)
+from ballbot_ros.drives.can_frames import RECORD_SIZE
 from ballbot_ros.drives.transport import Link
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.control import answer, Channel, execute, FAULTS, LINE_FAULTS
@@ -219,6 +220,15 @@ def test_a_drive_that_does_not_read_makes_the_line_stuck(emulator):
             for _ in range(200):
                 link.write(b'u 0\n' * 50)
     assert raised.value.reason == 'stuck'
+
+
+def test_a_slow_drive_on_a_bus_reads_at_the_rate_of_the_text(scene):
+    emulator = made('odrive_can', scene)
+    execute(emulator, 'slow_reader 60')
+    with open(emulator.path, 'r+b', buffering=0) as host:
+        host.write(b'S8\rO\r' + 30 * b'r0090\r')
+        lengths = [len(emulator._read(1.0)) for _ in range(3)]
+    assert lengths == [9 * RECORD_SIZE, 10 * RECORD_SIZE, 10 * RECORD_SIZE]
 
 
 @pytest.mark.slow
