@@ -179,7 +179,7 @@ class Emulator:
         self._credit = 0.0
         self._pace = Pace(PERIOD, 1.0, MOST_PERIODS)
         self._replies: Deque[tuple[float, bytes]] = deque()  # send time [s], reply
-        self._calls: SimpleQueue[tuple[Callable[[], None], Event]] = SimpleQueue()
+        self._calls: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self.torque = 0.0  # at the motor shaft now [N m]
         self._running = False
         # Until Python 3.12, a thread whose join() a signal has interrupted counts as ended.
@@ -228,15 +228,25 @@ class Emulator:
             pass
 
     def call(self, function: Callable[[], None]) -> None:
-        """Run a function between two steps of the emulator, and wait until it has ended."""
+        """Run a function between two steps, and wait for its end; its exception is raised here."""
         if self._ended.is_set() and self.failure is None:
             function()
             return
-        done = Event()
-        self._calls.put((function, done))
+        done, errors = Event(), []
+
+        def attempt() -> None:
+            try:
+                function()
+            except Exception as error:  # noqa: BLE001 the caller raises it
+                errors.append(error)
+            finally:
+                done.set()
+        self._calls.put(attempt)
         while not done.wait(0.1):
             if self._ended.is_set():
                 raise self.failure or BallbotError('the emulator has ended')
+        if errors:
+            raise errors[0]
 
     def __enter__(self) -> 'Emulator':
         return self.start()
@@ -316,8 +326,4 @@ class Emulator:
 
     def _run_calls(self) -> None:
         while not self._calls.empty():  # no other thread takes from it
-            function, done = self._calls.get()
-            try:
-                function()
-            finally:
-                done.set()
+            self._calls.get()()

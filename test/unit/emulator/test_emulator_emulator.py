@@ -255,6 +255,14 @@ def test_telemetry_stays_true_on_a_bad_line(scene, protocol, fault):
         assert max(map(abs, positions.values())) < 0.01
 
 
+def test_the_exception_of_a_call_is_raised_in_its_thread_and_the_emulator_goes_on(emulator):
+    with pytest.raises(ZeroDivisionError):
+        emulator.call(lambda: 1 / 0)
+    done = []
+    emulator.call(lambda: done.append(1))
+    assert done and emulator.failure is None
+
+
 def test_stop_after_an_interrupted_wait_lets_the_step_end(scene):
     # The descriptors of the terminal are closed then, and reused for the log.
     class Interrupt(Exception):
