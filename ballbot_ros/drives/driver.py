@@ -203,6 +203,7 @@ class Driver(ABC):
         self._armed = False  # by this driver, and not stopped since
         self._settings: dict[str, Union[float, str]] = {}  # first value of each setting
         self._off_requested_at = -math.inf  # of the last request whose reply showed no power [s]
+        self._received_at = -math.inf  # when the last bytes were read [s]
         self._pending = PendingRequests(options.reply_timeout, self.replies_are_named)
         self.meanwhile: Callable[[], None] = lambda: None
         self._begin()
@@ -417,8 +418,10 @@ class Driver(ABC):
             before = self.clock()
             if self.separator and self._pending.is_stalled(before):
                 data = self.separator + data
-                for reply in self._parser.feed(self.separator):
-                    self._take_reply(reply, before)
+                if before - self._received_at > LONGEST_WAIT:  # else a late reply may be arriving
+                    for reply in self._parser.feed(self.separator):
+                        self._take_reply(reply, before)
+                    self._parser.counts['skipped'] -= len(self.separator)  # not received
             self.line.write(data)
             self._pending.written(before, self.clock())
             self.counts['sent'] += 1
@@ -438,6 +441,7 @@ class Driver(ABC):
     def _take(self, data: bytes, now: float) -> None:
         """Update telemetry and counts from received bytes; `data` may be empty."""
         if data:
+            self._received_at = now
             self.counts['bytes'] += len(data)
             others = self.counts['of_others']
             for reply in self._parser.feed(data):

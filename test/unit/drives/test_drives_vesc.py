@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """VESCs: a current in place of a torque, settings at their places, two sources of the position."""
+import itertools
 import math
 import struct
 
@@ -35,6 +36,33 @@ def reporting(bench, **fields):
     """Let the drive report other values."""
     change(bench, codec.GET_VALUES_SELECTIVE, lambda payload: codec.pack_values(
         codec.parse_values(payload)._replace(**fields)))
+
+
+def slow(lost):
+    """Return a bench where values take 48 ms and their ends 53 ms; the first replies are lost."""
+    bench, count = Bench('vesc'), itertools.count()
+    bench.driver.identify()
+
+    def late(data):
+        if data[2] != codec.GET_VALUES_SELECTIVE:
+            return data
+        if next(count) >= lost:
+            bench.waiting += [(bench.now + 0.048, data[:20]), (bench.now + 0.053, data[20:])]
+        return b''
+    bench.from_drive = late
+    return bench
+
+
+@pytest.mark.parametrize('lost', [0, 2])
+def test_a_late_reply_that_is_cut_off_by_the_next_request_is_accepted(lost):
+    bench = slow(lost)
+    assert bench.driver.read_settings(timeout=0.4)
+    assert bench.driver.counts['skipped'] == 0
+
+
+def test_a_reply_that_is_cut_off_by_the_deadline_is_late_and_not_corrupted():
+    with refused('silent', 'drive', DriveError):
+        slow(2).driver.read_settings(timeout=0.153)
 
 
 def test_messages_have_the_numbers_of_the_firmware():
