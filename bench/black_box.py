@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time the black box: per period of the bridge loop, and per file."""
+"""Time the black box per period of the bridge loop and per file."""
 from pathlib import Path
 import tempfile
 import time

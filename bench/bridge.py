@@ -2,10 +2,10 @@
 """
 Time the bridge: the loop of the shipped hardware file over an emulated ODrive at 921600 baud.
 
-With onboard control (`set_point` at 50 Hz), with commands over topics (`control:=direct`), and
-with an IMU at 200 Hz.  Each command has a different torque, so the log of the emulated drive shows
-when each one takes effect.  The latency of the bridge from a measurement to its torque comes from
-a capture of its link, in a separate run.
+The variants are onboard control (`set_point` at 50 Hz), commands over topics (`control:=direct`),
+and an IMU at 200 Hz.  Each command has a different torque, so the log of the emulated drive shows
+when it takes effect.  The latency of the bridge from a measurement to its torque comes from a
+capture of its link, in a separate run.
 """
 from bisect import bisect
 from contextlib import contextmanager
@@ -36,14 +36,14 @@ from ballbot_ros.ros.conversions import set_point_message
 from ballbot_ros.ros.endpoints import create_publisher, create_subscription
 from ballbot_ros.ros.message_bytes import command_bytes
 
-START = 60.0  # longest start or end of an emulator [s]
-SETTLE, WINDOW = 2.0, 8.0  # wall time before and of the measurement [s]
+START = 60.0  # timeout for the start or end of an emulator [s]
+SETTLE, WINDOW = 2.0, 8.0  # wall time before and during the measurement [s]
 REPEATS = 3
 GEAR = 50.0 * 0.9  # torque at the pendulum per torque at the shaft
-# Number of different torques, more than are in flight at a time.
+# Number of different torques, more than are in transit at a time.
 DIFFERENT = 400
 SET_POINT_PERIOD = 0.02  # [s]
-LEAN = 0.3  # to both sides in turn, in onboard control [rad]
+LEAN = 0.3  # amplitude of the set angle in onboard control [rad]
 
 
 class Bench:
@@ -67,12 +67,12 @@ class Bench:
         self.status = message
 
     def _answer(self, message):
-        """Answer a joint state with a torque unlike the ones before."""
+        """Answer a joint state with a torque that differs from the previous ones."""
         self.arrivals.append(time.monotonic())
         if self._control == 'onboard':
             return
         self._number = (self._number + 1) % DIFFERENT
-        # Both directions in turn, so that the ball stays; no two alike.
+        # The sign alternates, so that the ball stays; no value repeats.
         size = 0.05 + 0.0005 * self._number
         torque = size if self._number % 2 else -size
         self.sent.setdefault(self._number, []).append(time.monotonic())
@@ -80,7 +80,7 @@ class Bench:
             message.header.stamp, torque if self.pushing else 0.0))
 
     def spin(self, seconds):
-        """Let time pass."""
+        """Execute callbacks for a time [s], with set-points in onboard control."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             if self._control == 'onboard' and self.pushing and time.monotonic() >= self._next:
@@ -91,7 +91,7 @@ class Bench:
             self.executor.spin_once(timeout_sec=0.5 * SET_POINT_PERIOD)
 
     def release(self, timeout=20.0):
-        """Release the e-stop."""
+        """Release the e-stop; retry until `timeout` [s]."""
         self.pushing = False
         deadline, why = time.monotonic() + timeout, 'there was no answer'
         while time.monotonic() < deadline:
@@ -114,7 +114,7 @@ class Bench:
 
 
 def emulated_here(folder):
-    """Return an emulated drive in this process."""
+    """Return an emulated drive for this process."""
     return Emulator('odrive', load_scene('flat'), 921600, link=folder / 'motor')
 
 
@@ -126,7 +126,7 @@ def emulated_apart(folder):
          '--baud', '921600', '--link', str(folder / 'motor'), '--log', str(folder / 'log.csv')],
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
     try:
-        process.stdout.readline()  # the name of the device: it is ready
+        process.stdout.readline()  # the name of the device, printed when ready
         yield None
     finally:
         process.send_signal(signal.SIGTERM)
@@ -153,7 +153,7 @@ def emulated_robot(folder):
 
 @contextmanager
 def running(folder, emulated=emulated_here, control='direct', rearm=True, **parameters):
-    """Yield a `Bench` with a running bridge; files are in a folder."""
+    """Yield a `Bench` with a running bridge, whose files are in `folder`."""
     domain = own_domain()
     content = yaml.safe_load((config_folder() / 'hardware/gimball_odrive.yaml').read_text())
     content['connection'].update(
@@ -172,7 +172,7 @@ def running(folder, emulated=emulated_here, control='direct', rearm=True, **para
 
 
 def applied(path, begin, end):
-    """Return times [s] and torques at the pendulum [N m] of a log between two times."""
+    """Return times [s] and torques at the pendulum [N m] of a log between two instants."""
     rows = [tuple(map(float, line.split(','))) for line in path.read_text().splitlines()[1:]]
     return [(when, torque * GEAR) for when, torque in rows if begin <= when <= end]
 
@@ -206,8 +206,7 @@ def run(emulated, control, **parameters):
     """
     Run a bridge; return its processor time [% of a core], the log of the drive, and the torques.
 
-    See `applied` for the log, which is empty without a file; the torques that the bench has sent
-    have their times [s].
+    The log is a result of `applied`, empty without a file; the sent torques have their times [s].
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

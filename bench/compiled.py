@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Our adaptive method against compiled solvers on the same compiled right-hand side.
+Compare our adaptive method with compiled solvers on the same compiled right-hand side.
 
     make bench ARGS='--only compiled'                          # all scenes, some minutes
     make bench ARGS='--only compiled --scenes near_critical,roll_60_s'
-    make bench ARGS='--only compiled --write'                  # and into the documents
+    make bench ARGS='--only compiled --write'                  # also updates the documents
 
-The cost of an error is the time of the cheapest tolerance that achieves it, as all finer ones do.
-Runs of all solvers alternate; a time is the minimum of many, which is robust on a busy machine.
+The cost of an error is the time of the cheapest tolerance at which, as at all finer ones, the
+error is achieved.  Runs of all solvers alternate; a time is the minimum of many runs, which is
+robust on a busy machine.
 """
 import math
 import time
@@ -26,10 +27,10 @@ from precision_scenes import cases
 from ballbot_ros.physics.simulation.run import simulate
 
 TOLERANCES = tuple(10.0**(-power / 3.0) for power in range(39, 5, -1))
-FIRST_LOOKS, FIRST_LOOK = 40, 0.05  # at each tolerance, to choose one; at all of them [s]
-SOONEST = 40      # repetitions
-LONGEST = 5.0     # of all repetitions of a scene and an error: a host is slow for seconds [s]
-HOPELESS = 3.0    # ratio to the best time above which a solver is not timed again
+FIRST_LOOKS, FIRST_LOOK = 40, 0.05  # trials of each tolerance at most, to choose one; of all [s]
+REPEATS_MIN = 40  # repetitions
+LEAST_TIME = 5.0  # of all repetitions: a host may be slow for seconds [s]
+HOPELESS = 3.0    # ratio to the best time above which a solver is excluded
 
 
 def solvers(case, rates):
@@ -62,7 +63,7 @@ def spent_by(run, tolerance):
 
 
 def kept(run, end, levels=LEVELS):
-    """Return for each error the tolerances that achieve it, as all finer ones do."""
+    """Return for each error the tolerances at which, as at all finer ones, it is achieved."""
     found, worst = {level: [] for level in levels}, 0.0
     for tolerance in TOLERANCES:  # from fine to coarse
         x, y = run(tolerance)
@@ -70,7 +71,7 @@ def kept(run, end, levels=LEVELS):
         if math.isfinite(error):
             worst = max(worst, error)
         elif worst > 0.0:
-            break  # too fine ones may fail, too coarse ones end the search
+            break  # the finest tolerances may fail; too coarse ones end the search
         for level in levels:
             if worst <= level and math.isfinite(error):
                 found[level].append((tolerance, run.evaluations()))
@@ -78,12 +79,12 @@ def kept(run, end, levels=LEVELS):
 
 
 def cheapest(run, tolerances):
-    """Return tolerance and right-hand sides of the quickest, after a trial of each in turn."""
-    tolerances = tolerances[-6:]  # the finest are never the quickest
+    """Return the fastest tolerance and its right-hand sides, after trials of each in turn."""
+    tolerances = tolerances[-6:]  # the finest are never the fastest
     least, begin = dict.fromkeys(tolerances, math.inf), time.perf_counter()
     for repeat in range(FIRST_LOOKS):
         for item in tolerances:
-            run(item[0])  # the first run to a tolerance prepares it
+            run(item[0])  # the first run with a tolerance initializes it
             least[item] = min(least[item], spent_by(run, item[0]))
         if repeat > 4 and time.perf_counter() - begin > FIRST_LOOK:
             break
@@ -91,7 +92,7 @@ def cheapest(run, tolerances):
 
 
 def least_times(runs, hopeless=HOPELESS):
-    """Return the least time of each run, of many that alternate [s]."""
+    """Return the minimum time of each run over many alternating repetitions [s]."""
     least, begin = dict.fromkeys(runs, math.inf), time.perf_counter()
     for repeat in range(10**6):
         for name, (run, tolerance) in runs.items():
@@ -99,7 +100,7 @@ def least_times(runs, hopeless=HOPELESS):
                     value for key, value in least.items() if key != 'ours'):
                 continue
             least[name] = min(least[name], *(spent_by(run, tolerance) for _ in range(3)))
-        if repeat > SOONEST and time.perf_counter() - begin > LONGEST:
+        if repeat > REPEATS_MIN and time.perf_counter() - begin > LEAST_TIME:
             break
     return least
 
@@ -148,7 +149,7 @@ def measure(scenes=None, write=False):
 
 
 def rows(scene, level, table):
-    """Yield the time of each solver, the quickest first."""
+    """Yield the time of each solver, the fastest first."""
     for name, (spent, tolerance, calls) in sorted(table.items(), key=lambda item: item[1][0]):
         own = compiled_tables.OWN.get((scene, level)) if name == 'ours' else None
         yield (f'{scene}, {level:g} m: {name}, {calls} rhs, {tolerance:.0e}', 'us',

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-CVODE's C library from the wheel of scikit-sundae, called as from C.
+Call CVODE's C library, from the wheel of scikit-sundae, as from C.
 
-Dense and in double precision; a run is one call to reinitialize and one to integrate.
+It is dense and in double precision; a run is one call to reinitialize and one to integrate.
 """
 import ctypes
 import math
@@ -28,7 +28,7 @@ except (ImportError, StopIteration, OSError):
 ADAMS, BDF = 1, 2
 MOST_STEPS = 10**7
 WIDTH = np.dtype(INT_TYPE).itemsize
-# Vector and matrix begin with a pointer to their content; where in that the numbers are.
+# Vector and matrix start with a pointer to their content; offset of the numbers in the content.
 IN_VECTOR, IN_MATRIX = (8, 8) if WIDTH == 4 else (16, 16)
 PLACE = types.voidptr
 
@@ -97,11 +97,11 @@ class Cvode:
         self.newton, self.tolerance = newton, math.nan
 
     def call(self, name, *kinds):
-        """Return a function that takes the memory first."""
+        """Return a function of SUNDIALS whose first argument is the solver memory."""
         return _function('cvode', name, ctypes.c_void_p, *kinds)
 
     def evaluations(self):
-        """Return the right-hand sides of the last run, those for Jacobians too."""
+        """Return the number of right-hand sides of the last run, including Jacobians."""
         self.count(self.memory, ctypes.byref(self.calls))
         found = self.calls.value
         if self.newton:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The Fortran solvers within SciPy, called as from Fortran.
+Call the Fortran solvers within SciPy as from Fortran.
 
-ODEPACK's LSODA, DVODE, and Hairer's DOP853 and DOPRI5: one call for a run, from and to numbers.
-SciPy's wrappers expose their addresses, up to the version that replaces Fortran by C.
+ODEPACK's LSODA, DVODE, and Hairer's DOP853 and DOPRI5: one call is one run.  The
+wrappers of SciPy expose their addresses, up to the version that replaces Fortran by C.
 """
 import ctypes
 import math
@@ -35,7 +35,7 @@ def _routine(name):
     return ctypes.CFUNCTYPE(None)(get(ADDRESSES[name], None))
 
 
-# LSODA passes the caller's array unchanged: the data of the case follow the motion.
+# LSODA passes the caller's array: the data of the case follow the motion.
 @cfunc(types.void(WHOLE, NUMBERS, NUMBERS, NUMBERS), **OPTIONS)
 def _lsoda_rates(_, time, motion, out):
     compiled_rates.call(
@@ -60,7 +60,7 @@ def _slopes(_, time, motion, below, above, out, rows, data, whole):
 
 
 class Run:
-    """Runs of one case by one routine: a call with everything in place but the tolerance."""
+    """Runs of one case by one routine; all arguments but the tolerance are prepared."""
 
     def __init__(self, name, rates, duration, start, done):
         """Allocate the shared data; `start` and `done` are values of its state."""
@@ -73,12 +73,12 @@ class Run:
         self.size = self.reference(ctypes.c_int32(MOTION))
 
     def reference(self, value):
-        """Return a reference, and keep its target."""
+        """Return a reference, and keep its target alive."""
         self.kept.append(value)
         return ctypes.byref(value)
 
     def integer(self, value):
-        """Return a reference to a whole number."""
+        """Return a reference to an integer."""
         return self.reference(ctypes.c_int32(value))
 
     def array(self, value):
@@ -87,7 +87,7 @@ class Run:
         return ctypes.c_void_p(value.ctypes.data)
 
     def evaluations(self):
-        """Return the right-hand sides of the last run."""
+        """Return the number of right-hand sides of the last run."""
         return int(self.whole[self.counted])
 
     def __call__(self, tolerance):
@@ -102,7 +102,7 @@ class Run:
 
 
 def _multistep(name, function, slopes, kind, size, whole_size, more, rates, duration):
-    """Return a run by LSODA or DVODE, which are called alike."""
+    """Return a run by LSODA or DVODE, which have the same signature."""
     call = Run(name, rates, duration, 1, 2)
     work, whole = np.zeros(size), np.zeros(whole_size, np.int32)
     whole[5] = MOST_STEPS

@@ -2,8 +2,8 @@
 """
 LSODA in C++, from the sources of numbalsoda: one call of its library is one run.
 
-No wheel of it supports our Python, and its own build needs a Fortran compiler for unused parts; so
-this compiles the two required files into the folder build/.
+No wheel of numbalsoda supports our Python, and its build needs a Fortran compiler for unused
+parts; so this script compiles the two required files into the folder build/.
 
     .venv/bin/python bench/compiled_liblsoda.py
 """
@@ -30,7 +30,7 @@ LIBRARY = ctypes.CDLL(str(FILE)) if FILE.exists() else None
 
 
 class Liblsoda:
-    """Runs of one case, without a count of the right-hand sides."""
+    """Runs of one case; the right-hand sides are not counted."""
 
     def __init__(self, rates, duration):
         self.solve = LIBRARY.lsoda_wrapper

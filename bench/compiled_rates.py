@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Our right-hand side as a function in C calling convention, for solvers in C, C++ and Fortran.
+Our right-hand side with C calling convention, for solvers in C, C++ and Fortran.
 
 It is compiled for each scene with robot and ground as constants, so that the compiler removes
-unused terms; our own solvers do not have this advantage.  No part of it is Python.
+unused terms; our own solvers do not have this advantage.  It does not call Python.
 """
 import ctypes
 from typing import NamedTuple
@@ -31,14 +31,14 @@ SIGNATURE = types.void(types.float64, NUMBERS, NUMBERS, NUMBERS)
 class Rates(NamedTuple):
     """The right-hand side of a case, compiled, and its Jacobian."""
 
-    rates: object  # kept, or their code is freed
+    rates: object  # referenced, so that the code is not freed
     slopes: object
     start: np.ndarray
     data: np.ndarray  # addresses of both functions, then their work array
 
 
 def _array(number, dimensions):
-    """Return a function from a pointer, an offset in numbers, and a shape to an array there."""
+    """Return a function of pointer, offset in elements and shape that makes an array."""
     kind = types.Array(number, dimensions, 'C')
 
     def generate(context, builder, signature, arguments):
@@ -147,7 +147,7 @@ def call(_, data, which, time, motion, out):
 
 @cfunc(SIGNATURE, **OPTIONS)
 def plain_rates(time, motion, out, data):
-    """Write the rates of a motion; the simplest of the calling conventions."""
+    """Write the rates of a motion; this is the simplest of the calling conventions."""
     call(data, 0, time, motion, out)
 
 

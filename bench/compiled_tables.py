@@ -2,7 +2,7 @@
 """
 Write the results of compiled.py to docs/speed_and_accuracy.md and README.md.
 
-    .venv/bin/python bench/compiled_tables.py      # again, from docs/bench.json
+    .venv/bin/python bench/compiled_tables.py      # from docs/bench.json
 """
 import json
 from statistics import median
@@ -19,7 +19,7 @@ OWN = {('near_critical', 1e-4): 30e-6, ('near_critical', 1e-6): 50e-6}  # [s]
 
 
 def best_peer(table):
-    """Return name and time of the quickest peer, None if none achieves the error."""
+    """Return name and time of the fastest peer, None if no peer achieves the error."""
     peers = [(spent, name) for name, (spent, *_) in table.items() if name != OURS]
     return min(peers)[::-1] if peers else None
 
@@ -68,7 +68,7 @@ def target_rows(found):
 
 
 def scene_rows(found):
-    """Yield for each scene ours, the best peer and the ratio, at each error."""
+    """Yield for each scene our time, the best peer and the ratio at each error."""
     for scene in dict.fromkeys(scene for scene, _ in found):
         line = [f'`{scene}`']
         for level in LEVELS:
@@ -81,7 +81,7 @@ def scene_rows(found):
 
 
 def solver_rows(found):
-    """Yield for each solver its median over ours, how often it is best, and [ns] per call."""
+    """Yield per solver its median ratio to ours, the number of best times, and [ns] per call."""
     names = dict.fromkeys(name for table in found.values() for name in table)
     for name in names:
         line = [name]
@@ -101,10 +101,10 @@ def solver_rows(found):
 
 def bound_rows(found, cost):
     """
-    Yield for each scene the fewest right-hand sides of all solvers, their time, and the limit.
+    Yield per scene the fewest right-hand sides of all solvers, their time, and the limit.
 
-    The limit is the ratio of the best peer's time to that time: that of a solver with the fewest
-    right-hand sides and the quickest steps, `cost` [s] for each, which does nothing else.
+    The limit is the ratio of the best peer's time to that time, which an ideal solver would need
+    with the fewest right-hand sides at `cost` [s] each and no overhead.
     """
     for scene in dict.fromkeys(scene for scene, _ in found):
         line = [f'`{scene}`']
@@ -131,7 +131,7 @@ def headline(found):
 
 
 def write(found, cost):
-    """Store the figures, and the cost of a right-hand side in a step; update the documents."""
+    """Store the results and the cost of a right-hand side in a step; update the documents."""
     documents.keep(cost=cost, compiled=[
         {'scene': scene, 'error': level, 'solvers': {
             name: dict(zip(('time', 'tolerance', 'calls'), values))
@@ -140,7 +140,7 @@ def write(found, cost):
 
 
 def show(found, cost):
-    """Write the figures to the documents."""
+    """Write the results to the documents."""
     documents.show(DOCUMENT, 'compiled targets', documents.table(
         ['target', 'reached', ''], target_rows(found)))
     documents.show(DOCUMENT, 'compiled scenes', documents.table(

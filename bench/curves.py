@@ -5,7 +5,7 @@ import time
 
 
 def timed(run, setting):
-    """Return time [s] and result of a run, short ones several times over."""
+    """Return time [s] and result of a run; a short run is repeated."""
     begin = time.perf_counter()
     found = run(setting)
     spent, calls = time.perf_counter() - begin, 1
@@ -19,7 +19,7 @@ def honest(curve):
     """
     Return error, setting and times of each run, from fine to coarse.
 
-    The error of a run is the largest of all finer ones, which excludes chance hits.
+    The error is the largest of this and all finer runs, which excludes accidentally small errors.
     """
     worst, found = 0.0, []
     for point in reversed(curve):
@@ -29,7 +29,7 @@ def honest(curve):
 
 
 def time_at(curve, level, repeat):
-    """Return the least time for an error, on the line between runs above and below [s]."""
+    """Return the minimum time for an error, interpolated between the adjacent runs [s]."""
     least, finer = math.nan, None
     for error, _, times in honest(curve):
         spent = times[repeat]
@@ -38,6 +38,6 @@ def time_at(curve, level, repeat):
                 part = math.log(error / level) / math.log(error / finer[0])
                 least = min(least, spent * (finer[1] / spent)**part)
             break
-        # Coarser is not always quicker: steps are rejected more often.
+        # A coarser run is not always faster: more steps are rejected.
         least, finer = min(spent, least) if finer else spent, (error, spent)
     return least

@@ -16,7 +16,7 @@ from ballbot_ros.decision.values import Strategy
 from ballbot_ros.physics.model.robot import load_robot
 
 GIMBALL = load_robot('gimball')
-# A stop behind the edge is granted: a step sensor does not see its room.
+# Room for a stop behind the edge is assumed: a step sensor does not measure it.
 TUNING = replace(load_decision_tuning('decision_default'), unseen_room=1.0)
 KNOWLEDGE = Knowledge(GIMBALL, load_curve('gimball_down'), TUNING)
 PERIOD, ACCELERATION, SEEN = 0.02, 0.5, 1.6
@@ -24,7 +24,7 @@ HEIGHTS = (0.012, 0.020, 0.028, 0.036, 0.044, 0.052, 0.060)
 
 
 def attempts(height, speed, swing, count=400):
-    """Return the time of an attempt, many times [us]."""
+    """Return repeated measurements of the time of an attempt [us]."""
     worlds = Worlds(KNOWLEDGE)
     face = Face(1, 0.0, height, 0.01, 0.001)
     ahead = look_ahead(Profile(0.0, (face,)), (face,), -1.4, 0.0, 0.003, GIMBALL.ball_radius,
@@ -41,7 +41,7 @@ def attempts(height, speed, swing, count=400):
 
 
 def approach(height, seed):
-    """Return the times of all decisions on an approach until the touch or a stop [ms]."""
+    """Return the times of all decisions of an approach until touch or stop [ms]."""
     random, decide = np.random.default_rng(seed), RolloutPlanner(KNOWLEDGE)
     position, speed, decision, spent = -SEEN, 0.3, None, []
     noise = float(random.normal(0.0, 0.002))

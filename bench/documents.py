@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Storage of measured figures, and their tables in the documents."""
+"""Store measured results, and write their tables to the documents."""
 import json
 from pathlib import Path
 import re
@@ -18,7 +18,7 @@ def keep(**parts):
 
 
 def show(document, name, text):
-    """Write a text to a document, between ``<!-- bench: NAME -->`` and ``<!-- end -->``."""
+    """Write text to a document between ``<!-- bench: NAME -->`` and ``<!-- end -->``."""
     path = ROOT / document
     marks = f'<!-- bench: {name} -->\n', '<!-- end -->'
     found, count = re.subn(

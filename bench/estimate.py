@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Error of the estimated pendulum angle against the true one, with and without an IMU."""
+"""Measure the error of the estimated pendulum angle, with and without an IMU."""
 from dataclasses import replace
 import math
 
@@ -12,8 +12,8 @@ from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Imu, Plant
 
 RATE = 500.0  # of the encoder and the IMU [Hz]
-COUNTS = 50 * 4096  # of the encoder per turn of the joint: on the motor, before the gear
-# A cheap micromechanical IMU, not at the centre of the ball.
+COUNTS = 50 * 4096  # of the encoder, on the motor shaft, per revolution of the joint
+# A low-cost MEMS IMU, not at the centre of the ball.
 PLACE, GYRO_SD, FORCE_SD, BIAS = (0.03, -0.02), 0.005, 0.1, 0.01
 # Factors of the parameter errors of the filter, as for identified robots.
 WRONG = {'pendulum_mass': 1.05, 'joint_friction': 1.3, 'ball_inertia': 0.95}

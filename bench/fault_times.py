@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Time to zero torque for each failure mode, in simulated time around the real session of the bridge.
+Measure the time to zero torque of each failure mode: the bridge session in simulated time.
 
     .venv/bin/python bench/fault_times.py            # prints the table
-    .venv/bin/python bench/fault_times.py --write    # and puts it into docs/hardware_bridge.md
+    .venv/bin/python bench/fault_times.py --write    # also updates docs/hardware_bridge.md
 
-Ball, drive, cable and IMU are models on one clock, so the times are the same on any machine;
+Ball, drive, cable and IMU are models on one clock, so the times do not depend on the machine;
 `faults.py` measures the additional delay of a busy machine.
 """
 import logging

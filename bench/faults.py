@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Time to zero torque for every fault, worst of 20, in onboard and in direct control.
+Measure the time to zero torque of every fault, worst of 20, in onboard and in direct control.
 
-Faults that end whole nodes are measured ten times in each, twenty in all.
+Faults that end a node are measured ten times per control mode.
 
     make bench ARGS='--only faults'                       # about ten minutes
-    .venv/bin/python bench/faults.py --repeats 3          # quicker
+    .venv/bin/python bench/faults.py --repeats 3          # shorter
     .venv/bin/python bench/faults.py --only 'e-stop' --control direct
-    .venv/bin/python bench/faults.py --write              # the table, into docs/hardware_bridge.md
+    .venv/bin/python bench/faults.py --write              # also updates docs/hardware_bridge.md
 
-Counted from the fault to the last torque in the log of an emulated ODrive at 921600 baud.  Most
-faults act on the loop of the bridge in this process; signals and the e-stop act on whole nodes.
-Results are stored in a file: the same command continues an interrupted run.
+The time is from the fault to the last torque in the log of an emulated ODrive at 921600 baud.
+Most faults act on the loop of the bridge in this process, signals and the e-stop on a node.
+Results are stored in a file: the same command resumes an interrupted run.
 """
 import argparse
 from dataclasses import replace
@@ -45,13 +45,13 @@ from ballbot_ros.estimation import ImuReading
 from ballbot_ros.physics.simulation.scene import load_scene
 
 REPEATS = 20
-# A node takes seconds to start; its end does not depend on the control mode.
+# Fewer, because a node takes seconds to start and its end is independent of the control mode.
 PART_OF_NODES = 0.5
 KEPT = Path('ballbot_output/faults.json')
 TORQUE, ANGLE = 0.3, 0.3  # commanded in direct control [N m], set-point in onboard control [rad]
 FEED = 0.004  # between IMU readings and commands; every fifth time a set-point [s]
-QUIET = 0.2  # time without torque that counts as zero [s]
-LONGEST = 6.0  # timeout of the wait for zero [s]
+QUIET = 0.2  # duration without torque that counts as zero [s]
+LONGEST = 6.0  # timeout for zero torque [s]
 HOUR = 3600.0
 
 
@@ -59,14 +59,14 @@ class Fault(NamedTuple):
     """Action of a fault, and the bound of the time to zero."""
 
     name: str
-    act: object  # called with the rig; returns the start of the fault [s], None for now
+    act: object  # called with the rig; returns the start of the fault [s], None for the call
     bound: str
     onboard: bool = True
     direct: bool = True
 
 
 class Rig:
-    """An emulated robot, and a session that drives it for one trial at a time."""
+    """An emulated robot and a session that drives it, for single trials."""
 
     def __init__(self, control, emulator, scene, folder):
         self.control, self.emulator, self.robot = control, emulator, scene.model.robot
@@ -102,7 +102,7 @@ class Rig:
         try:
             self.until(self.released, 'the e-stop is released')
             self.pushing = True
-            self.until(lambda: self.emulator.torque, 'the motor pulls')
+            self.until(lambda: self.emulator.torque, 'the motor applies a torque')
             time.sleep(random.uniform(0.1, 0.15))
             begin = time.monotonic()
             begin = fault.act(self) or begin
@@ -117,12 +117,12 @@ class Rig:
                 process.wait()
 
     def take(self, report):
-        """Raise the injected exception, if there is one."""
+        """Raise the injected exception, if any."""
         if self.explode:
             raise ZeroDivisionError('planted')
 
     def feed(self):
-        """Give IMU readings, and commands or set-points."""
+        """Feed the session with IMU readings, and commands or set-points."""
         turn = 0
         while not self.ending:
             now, turn = time.monotonic(), turn + 1
@@ -143,7 +143,7 @@ class Rig:
             time.sleep(FEED)
 
     def released(self):
-        """Try to release the e-stop, and return whether it is."""
+        """Try to release the e-stop; return whether it succeeded."""
         try:
             self.session.release()
         except RefusedError:
@@ -151,7 +151,7 @@ class Rig:
         return True
 
     def until(self, condition, description, timeout=10.0):
-        """Wait for something."""
+        """Wait for a condition; raise TimeoutError with its description."""
         end = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > end:
@@ -163,7 +163,7 @@ class Rig:
     # Faults
 
     def stop_commands(self):
-        """Stop the commands, and return the time of the last one."""
+        """Stop the commands; return the time of the last one."""
         self.commands = False
         time.sleep(2.0 * FEED)
         return self.last
@@ -212,7 +212,7 @@ FAULTS = (
     Fault('exception in the loop', put(explode=True), 'the stop at the end of the loop'),
     Fault('e-stop engaged, in the session', lambda rig: rig.session.engage('bench'),
           'one write'))
-# Signals that end whole nodes.
+# Signals that end a node.
 NODES = {'SIGINT': signal.SIGINT, 'SIGTERM': signal.SIGTERM, 'SIGKILL': signal.SIGKILL}
 BOUNDS = {'SIGINT': 'the stop at the end', 'SIGTERM': 'the stop at the end', 'SIGKILL': DRIVE,
           'e-stop, by service': 'one call and one write', 'process frozen': DRIVE}
@@ -274,7 +274,7 @@ def measure_loop(book, control, repeats, only):
 
 
 def measure_nodes(book, control, repeats, only):
-    """End whole nodes, each after an e-stop or a time of suspension."""
+    """Measure the missing faults that end a node."""
     from bridge import running
     from std_srvs.srv import Trigger
     for name, number in NODES.items():
@@ -303,17 +303,17 @@ def measure_nodes(book, control, repeats, only):
 
 
 def pull(bench):
-    """Run the motor of a node under torque for a moment."""
+    """Run the motor of a node under torque briefly."""
     end = time.monotonic() + 20.0
     while not bench.emulator.torque:
         bench.spin(0.02)
         if time.monotonic() > end:
-            raise TimeoutError('the motor never pulls')
+            raise TimeoutError('the motor never applies a torque')
     bench.spin(random.uniform(0.1, 0.15))
 
 
 def zero(emulator, pause=time.sleep):
-    """Wait until the torque stays at zero, with pauses, and return the start of that time [s]."""
+    """Wait until the torque remains zero; return the time of the last torque [s]."""
     end = time.monotonic() + LONGEST
     while time.monotonic() < end:
         pause(0.005)
@@ -341,9 +341,9 @@ def table_of(book):
 
 
 def run(repeats=REPEATS, control=None, only=None, kept=KEPT):
-    """Run the missing measurements, and return the book."""
+    """Run the missing measurements; return the book."""
     book = Book(kept)
-    logging.disable(logging.WARNING)  # a lost drive is expected here
+    logging.disable(logging.WARNING)  # drive failures are expected here
     for name in ('onboard', 'direct') if control is None else (control,):
         measure_loop(book, name, repeats, only)
         if only is None or any(only in fault for fault in BOUNDS):

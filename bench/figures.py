@@ -2,7 +2,7 @@
 """
 Draw docs/figures/work_precision from docs/bench.json, which precision.py writes.
 
-Also prints the table of ratios, and how many function evaluations each solver takes for 1 um.
+Also prints the table of ratios, and the function evaluations of each solver for 1 um.
 
     .venv/bin/python bench/figures.py
 """
@@ -34,7 +34,7 @@ def spent(point, quantity):
 
 
 def draw(axes, curves, quantity):
-    """Draw the curves of one scene: cost against error, worst of all finer runs."""
+    """Draw the curves of one scene: cost against the worst error of all finer runs."""
     for name, (colour, width) in CURVES.items():
         curve = curves.get(name, [])
         points = [(error, spent(point, quantity))
@@ -51,14 +51,14 @@ def draw(axes, curves, quantity):
 
 
 def spread(values):
-    """Return median, least and most of ratios, short enough for a table."""
+    """Return median, minimum and maximum of ratios as text for a table."""
     def short(value):
         return f'{value:.3g}' if value < 1000.0 else f'{value:.0f}'
     return f'{short(median(values))} ({short(min(values))}-{short(max(values))})'
 
 
 def ratio_table(ratios):
-    """Return the ratio of each solver's time to ours, as a table for the document."""
+    """Return the table of the ratio of each solver's time to ours, for the document."""
     rows = []
     cells = {(item['solver'], item['error']): item['scenes'] for item in ratios}
     for solver in dict.fromkeys(item['solver'] for item in ratios):

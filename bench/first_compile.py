@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Time the first compilation of kernels, in processor time: others may use the machine, too.
+Measure the processor time of the first compilation of kernels, which other load barely affects.
 
-Each entry point is called once, in a process of its own with an empty cache; then all kernels are.
+Each entry point is called once, in a separate process with an empty cache; then all kernels are.
 """
 import os
 import subprocess

@@ -8,10 +8,10 @@ from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.line import Direction, LineFaults
 from ballbot_ros.physics.simulation.scene import load_scene
 
-GARBAGE = 2000.0  # random bytes per second, both ways
+GARBAGE = 2000.0  # random bytes per second, in each direction
 RATE, SECONDS = 500.0, 20.0
 TICK = 1e-4  # polling period of the drive [s]
-# Number of latest periods whose positions a reading may have.
+# Number of the latest periods whose positions count as correct.
 RECENT = 50
 
 
@@ -60,7 +60,7 @@ def flood(protocol, firmware):
     true, fresh, wrong, last = [], 0, 0, driver.poll().time
     periods = int(SECONDS * RATE)
     for number in range(periods):
-        # Half a turn and more from one to the next: no two are alike, none is near another.
+        # More than half a turn between periods: positions are distinct and far from each other.
         true = [*true[-RECENT:], 3.5 * (number % 997)]
         line.device.sensed = line.device.sensed._replace(position=true[-1])
         line.pass_time(1.0 / RATE)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Our adaptive method, called as directly as Python can: one call into the kernel is one run."""
+"""Our adaptive method, called directly: one call of the kernel is one run."""
 import math
 
 import numpy as np
@@ -17,8 +17,8 @@ class Ours:
     """
     Runs of one case of `precision_scenes`.
 
-    With `flight` the ball flies in closed form.  With `ledger` the energy balance is computed,
-    which peers do not do.
+    With `flight`, the flight phases use the closed form.  With `ledger`, the energy balance is
+    computed, which peers do not do.
     """
 
     def __init__(self, case, flight=True, ledger=False):
@@ -34,7 +34,7 @@ class Ours:
         self.tolerance = 0.0
 
     def evaluations(self):
-        """Return the right-hand sides of a run to the tolerance of the last."""
+        """Return the number of right-hand sides of a run with the last tolerance."""
         self.workspace.statistics[:] = 0
         self(self.tolerance)
         return int(self.workspace.statistics[EVALUATIONS])

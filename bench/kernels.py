@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time the numerical core: right-hand side, step of a method, a second of crossing a step."""
+"""Time the numerical core: right-hand side, integration step, one second of a crossing."""
 import time
 
 import numpy as np
@@ -23,7 +23,7 @@ STEP = 1e-3  # [s]
 
 @compiled
 def call_often(calls, state, system, contacts, rates):
-    """Call the right-hand side; each call depends on the last, so none can be left out."""
+    """Call the right-hand side; each call depends on the last, so none is optimized away."""
     for _ in range(calls):
         equations.derivative(0.0, state, system, contacts, rates)
         state[X] += 1e-15 * rates[Y]
@@ -31,7 +31,7 @@ def call_often(calls, state, system, contacts, rates):
 
 @compiled
 def step_often(calls, number, state, system, workspace):
-    """Take a step from the same state, but for a rounding, again and again."""
+    """Repeat an integration step from the same state, up to rounding."""
     find_mode(0.0, state, system, workspace.mode)
     workspace.statistics[EVALUATIONS] = 0
     for _ in range(calls):
@@ -40,7 +40,7 @@ def step_often(calls, number, state, system, workspace):
 
 
 def times(function):
-    """Return the wall times of REPEATS calls after one to warm up [s]."""
+    """Return the wall times of REPEATS calls, after one to warm up [s]."""
     function()
     found = []
     for _ in range(REPEATS):
@@ -57,7 +57,7 @@ def crossing():
 
 
 def right_hand_side(actuation):
-    """Return the time of one right-hand side, several times over [s]."""
+    """Return repeated measurements of the time of one right-hand side [s]."""
     model, start = crossing()
     vector, rates = np.array(start[1:]), np.zeros(SIZE)
     system = System(model.parameters, model.profile, actuation.actuator(model.robot))
@@ -67,7 +67,7 @@ def right_hand_side(actuation):
 
 
 def step_times():
-    """Return the times of a step of each method, over its right-hand sides [s]."""
+    """Return the times of an integration step of each method per right-hand side [s]."""
     model, start = crossing()
     vector, workspace = np.array(start[1:]), Workspace.of(len(model.profile))
     system = System(model.parameters, model.profile, Actuation().actuator(model.robot))
@@ -81,7 +81,7 @@ def step_times():
 
 
 def one_second():
-    """Return the time of one simulated second with RK4 at 1e-4 s, several times over [s]."""
+    """Return repeated times of one simulated second with RK4 at 1e-4 s [s]."""
     model, start = crossing()
     integrator = Integrator(model.parameters, model.profile, model.solver_in_use)
     actuator = Actuation().actuator(model.robot)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time a change of gains: its effect on the period of the running loop, and on the torque."""
+"""Measure the effect of a change of gains on the period and torque of the running loop."""
 from pathlib import Path
 import tempfile
 import time
@@ -15,14 +15,14 @@ from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.ros import qos
 from ballbot_ros.ros.conversions import to_seconds
 
-START_TIMEOUT = 120.0  # timeout of the start of the loop, and of a change [s]
+START_TIMEOUT = 120.0  # timeout for the start of the loop and for a change [s]
 WINDOW = 6.0  # wall time without a change [s]
 ANGLE = 0.5  # of the held pendulum [rad]
 GAINS = (30.0, 40.0, 30.0)  # position_kp, one after the other [N m/rad]
 
 
 class Bench(Node):
-    """Holds the pendulum, changes gains, and records each command."""
+    """Hold the pendulum, change gains, and record each command."""
 
     def __init__(self):
         super().__init__('bench')
@@ -38,13 +38,13 @@ class Bench(Node):
                               message.effort[0]))
 
     def change(self, gain):
-        """Request another gain; return the future of the reply."""
+        """Request a gain; return the future of the response."""
         return self.client.call_async(SetParameters.Request(parameters=[
             Parameter('gains.position_kp', value=gain).to_parameter_msg()]))
 
 
 def figures(commands):
-    """Return the 99th percentile of the periods [ms], the lost states [%], the steps [N m]."""
+    """Return p99 of the periods [ms], unanswered states [%], and the largest torque step [N m]."""
     pairs = list(zip(commands, commands[1:]))
     periods = [1e3 * (after[0] - before[0]) for before, after in pairs]
     states = round((commands[-1][1] - commands[0][1]) / 0.002)
@@ -53,7 +53,7 @@ def figures(commands):
 
 
 def watch():
-    """Return the figures without a change, during changes, and how long each took [s]."""
+    """Return the figures without and during changes, and the duration of each change [s]."""
     domain = own_domain()
 
     def spin_until(condition, timeout):
@@ -79,7 +79,7 @@ def watch():
             refused = [one.reason for one in answer.result().results if not one.successful]
             if refused:
                 raise RuntimeError(refused[0])
-            spin_until(lambda: False, 0.5)  # while they take over
+            spin_until(lambda: False, 0.5)  # until the gains are in effect
         return quiet, figures(node.commands), took
 
 

@@ -30,7 +30,7 @@ def processor_time(process_id):
 
 @contextmanager
 def running(folder, domain, parameters, together):
-    """Give the process id of a simulator that runs with a controller, in one process or in two."""
+    """Yield the process id of a simulator with a controller, in one process or in two."""
     if not together:
         with NodeProcesses(folder, domain) as nodes:
             nodes.start('simulator', parameters)
@@ -51,9 +51,9 @@ def running(folder, domain, parameters, together):
 
 def watch(lockstep, together=False):
     """
-    Run simulator and controller and listen to the commands.
+    Run simulator and controller and record the commands.
 
-    Returns wall arrival times [s], stamps [s], and the part of a core that the simulator used.
+    Returns arrival times [s], stamps [s], and the processor load of the simulator [cores].
     """
     domain, arrivals, stamps = own_domain(), [], []
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Ten minutes of the bridge loop with an emulated drive and continual faults.
+Run the bridge loop for ten minutes with an emulated drive and continual faults.
 
     make bench ARGS='--only loop_faults'      # not part of a plain `make bench`
 """
@@ -34,7 +34,7 @@ EVENTS = ('unplug 0.3', 'reboot', 'silence 0.4', 'corrupt 0.002', 'drop 0.002', 
 
 
 class Watcher:
-    """Commands a slow swing and records the results."""
+    """Command a slow oscillation and record the results."""
 
     def __init__(self):
         # Compact and preallocated, so that memory growth comes from the measured code.

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Cost of optional model parts: for each shipped scene the ratio of times with and without.
+Measure the cost of optional model parts: the ratio of times with and without, per shipped scene.
 
-    make bench ARGS='--only models --write'      # and into docs/model.md
+    make bench ARGS='--only models --write'      # also updates docs/model.md
 
-A time is that of the cheapest tolerance that achieves an error, as all finer ones do, against a
-run of the full model at 1e-13; the minimum of many runs in turn.
+A time is the minimum of many alternating runs at the cheapest tolerance at which, as at all finer
+ones, an error is achieved, relative to a run of the full model at 1e-13.
 """
 from dataclasses import replace
 import math
@@ -25,17 +25,17 @@ from ballbot_ros.physics.solvers.flight import has_closed_form
 
 LEVELS = (1e-4, 1e-5, 1e-6)  # the errors at which times are compared [m]
 REPEATS = 25
-LOOKS = 200        # states of a run at which contacts are searched
+LOOKS = 200        # states of a run at which the contact search is timed
 AT_REST = 1e-9     # largest swing of a pendulum at rest [rad]
 COLUMNS = {'pendulum': 'pendulum', 'search': 'search for contacts', 'ledger': 'energy ledger',
            'flight': 'steps in flight', 'all': 'all of them'}
-# A massless pendulum, to time its equations for a robot without one.
+# A massless pendulum, to time the pendulum equations for a robot without one.
 WEIGHTLESS = {'pendulum_mass': 1e-9, 'pendulum_length': 0.05, 'pendulum_inertia': 1e-9}
 
 
 @compile_kernel
 def search_often(repeats, places, radius, ground, contacts):
-    """Search for the contacts at each place, many times over."""
+    """Search repeatedly for the contacts at each position."""
     found = 0
     for _ in range(repeats):
         for row in range(len(places)):
@@ -72,7 +72,7 @@ def variants(case):
 
 
 def least_times(case):
-    """Return for each error the least time of each variant [s], and the least's evaluations."""
+    """Return for each error the time of each variant [s], and the evaluations of `least`."""
     runs, found, calls = variants(case), [], 0
     end = Ours(case, flight=False)(1e-13)
     keeping = {name: compiled.kept(run, end, LEVELS) for name, run in runs.items()}
@@ -87,7 +87,7 @@ def least_times(case):
 
 
 def found_in(case):
-    """Return the factor in time of each optional model part, or the reason for none as text."""
+    """Return the time factor of each optional model part, or the reason for its absence."""
     times, calls = least_times(case)
     searching, run = search_time(case)
 
@@ -105,7 +105,7 @@ def found_in(case):
     found['pendulum'] = factor('pendulum') if 'pendulum' in times[-1] else 'kept: it swings'
     if 'pendulum' not in times[-1] and np.ptp(run['pendulum_angle']) < AT_REST:
         found['pendulum'] = 'kept: it hangs still'
-    # The search cannot be switched.
+    # The search cannot be disabled.
     found['all'] = factor('all') + found['search'] - 1.0
     return found, least
 

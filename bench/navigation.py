@@ -19,7 +19,7 @@ SIDE, ROOM, DOOR, QUERIES = 20.0, 4.0, 1.0, 40
 
 
 def house(random):
-    """Return the text of a floor of rooms, each with doors that have steps or not."""
+    """Return the text of a floor of rooms with doors, some of which have steps."""
     lines, features = [], []
     for at in np.arange(ROOM, SIDE, ROOM):
         for begin in np.arange(0.0, SIDE, ROOM):

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Run the bridge for long, or unplug it often, and monitor its memory, threads and open files.
+Run the bridge for a long time, or unplug it often; monitor its memory, threads and open files.
 
     .venv/bin/python bench/node_resources.py --seconds 600
     .venv/bin/python bench/node_resources.py --unplugs 1000
 
-The black box is off, since it would fill its 64 MiB over the first ten minutes: any growth here is
+The black box is disabled, since it would fill its 64 MiB over the first ten minutes: any growth is
 a leak.  Ctrl-C ends the run and prints the results so far.
 """
 import argparse
@@ -39,7 +39,7 @@ def row(label, bench, mark):
 
 
 def last(bench, seconds):
-    """Run, a line each tenth."""
+    """Run the bridge; print a line after each tenth."""
     begin = time.monotonic()
     for part in range(1, 11):
         bench.spin(max(0.0, begin + seconds * part / 10.0 - time.monotonic()))
@@ -47,11 +47,11 @@ def last(bench, seconds):
 
 
 def unplug(bench, times):
-    """Unplug and plug in again, a line each tenth; the file says `rearm`."""
+    """Unplug and replug, with `rearm`; print a line after each tenth."""
     longest = 0.0
     for number in range(1, times + 1):
         execute(bench.emulator, 'unplug')
-        while bench.emulator.torque:  # until its watchdog stops the motor: later torque is new
+        while bench.emulator.torque:  # until the watchdog of the drive stops the motor
             bench.spin(0.01)
         execute(bench.emulator, 'plug')
         begin = time.monotonic()

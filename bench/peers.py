@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Solvers that are not ours, on our compiled right-hand side.
+Peer solvers on our compiled right-hand side.
 
-They integrate the eight states of the motion only; our own solvers also integrate the five of the
-energy balance.
+They integrate only the eight states of the motion; our solvers also integrate the five states of
+the energy balance.
 """
 import math
 import warnings
@@ -44,7 +44,7 @@ def compiled_rates(case):
 def solve_scipy(method, rates, case, tolerance):
     """Return end position and number of right-hand sides of a run by SciPy."""
     with warnings.catch_warnings():
-        warnings.simplefilter('ignore')  # of overflow, in the Jacobian of a ball in flight
+        warnings.simplefilter('ignore')  # overflow in the Jacobian of a ball in flight
         found = solve_ivp(rates, (0.0, case.duration), case.start[1:1 + MOTION], method=method,
                           rtol=tolerance, atol=tolerance, t_eval=[case.duration])
     end = found.y[:, -1] if found.success else np.full(MOTION, math.nan)
@@ -52,7 +52,7 @@ def solve_scipy(method, rates, case, tolerance):
 
 
 def solve_cvode(method, rates, case, tolerance):
-    """Return the same of a run by CVODE, method 'BDF' or 'Adams'."""
+    """Return end position and right-hand sides of a run by CVODE, 'BDF' or 'Adams'."""
     calls = 0
 
     def fill(time, motion, out):

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Work-precision benchmark of our solvers, and those of SciPy and SUNDIALS.
+Work-precision benchmark of our solvers and those of SciPy and SUNDIALS.
 
-The error is that of the end position against a run to an accuracy of 1e-9 m.  Timed is one whole
-run, warm: of ours one call into the compiled kernel, of the others one call of their own function.
-Runs are interleaved and repeated; a ratio is one of times within the same repetition.  With
-``--write`` all curves go to docs/bench.json, from which figures.py draws.
+The error is that of the end position relative to a run with an accuracy of 1e-9 m.  The time is
+that of one warm run: one call of the compiled kernel for ours, of the solver function for others.
+Runs are interleaved and repeated; ratios are of times within the same repetition.  With
+``--write`` all curves are stored in docs/bench.json, from which figures.py draws.
 """
 import math
 from statistics import median
@@ -26,8 +26,8 @@ from ballbot_ros.physics.solvers.values import EVALUATIONS, FINISHED, Status
 
 REPEATS = 3
 LEVELS = (1e-4, 1e-6)  # errors at which times are compared [m]
-ENOUGH = 1e-7          # a curve ends once it is this good [m]
-LONGEST = 2.0          # or once a run takes this long [s]
+ENOUGH = 1e-7          # a curve ends at this error [m]
+LONGEST = 2.0          # or at this duration of a run [s]
 STEPS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5)
 TOLERANCES = tuple(10.0**-power for power in range(3, 14))
 
@@ -38,7 +38,7 @@ def integrator_of(model):
 
 
 def fixed(case, method):
-    """Return a function from step to end position and right-hand sides, for our steppers."""
+    """Return a function from step to end position and right-hand sides, for fixed steps."""
     model = case.model
     actuator = case.actuation.actuator(model.robot, 0.0, case.start.joint_angle)
     steps = {value: round(case.duration / value) for value in STEPS}
@@ -54,8 +54,8 @@ def fixed(case, method):
 
 
 def chosen(case, method):
-    """Return the same from tolerance, for our methods that choose their steps."""
-    # The step is the largest of the trapezoidal rule.
+    """Return the same function of a tolerance, for our methods with step size control."""
+    # The step is the maximum for the trapezoidal rule.
     integrators = {value: integrator_of(
         with_solver(case.model, method, 1e-2, value))
                    for value in TOLERANCES}
@@ -71,7 +71,7 @@ def chosen(case, method):
 
 
 def solvers(case):
-    """Return name, function and settings from coarse to fine of every solver of a scene."""
+    """Return name, function and settings, from coarse to fine, of every solver of a scene."""
     found = [(name, fixed(case, name), STEPS) if method.fixed
              else (name, chosen(case, name), TOLERANCES) for name, method in METHODS.items()]
     ours = peers.compiled_rates(case)
@@ -109,13 +109,13 @@ def curves_of(case):
 
 
 def residual(case, curve, level):
-    """Return the relative energy balance error with the tolerance for an error."""
+    """Return the relative energy balance error at the tolerance for an error."""
     good = [setting for error, setting, _ in honest(curve) if error <= level]
     for setting in reversed(good):
         try:
             run = simulate(with_solver(case.model, 'adaptive', tolerance=setting), case.start,
                            case.actuation, case.duration)
-        except SimulationError:  # the energy balance refuses this coarse a run
+        except SimulationError:  # the energy balance check refuses a run this coarse
             continue
         return float(np.max(np.abs(run.energy_residual))) / run.energy_in_play
     return math.nan
@@ -129,7 +129,7 @@ TARGETS = {('SciPy LSODA', 1e-6): -50.0, ('SciPy LSODA', 1e-4): -50.0,
 
 
 def measure(write=False):
-    """Yield name, unit, values and target of each measurement; `write` keeps all in docs/."""
+    """Yield name, unit, values and target of each measurement; `write` stores them in docs/."""
     stored, ratios = {}, {}
     yield 'right-hand side, pendulum free', 'ns', [
         1e9 * value for value in kernels.right_hand_side(Actuation())], 40.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scenes of the work-precision benchmark: each one is hard for solvers in another way."""
+"""The scenes of the work-precision benchmark: each is hard for solvers in a different way."""
 from dataclasses import replace
 import math
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from ballbot_ros.physics import Actuation, load_robot, load_scene, Model, Solver
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain import read_terrain
 
-# A constant, so that the scene does not depend on the search [m].
+# Constant, so that the scene does not depend on the search [m].
 NEAR_CRITICAL = 0.01983297
 
 
@@ -51,7 +51,7 @@ def cases():
                                                    'bevel': 0.015}},
          {'flat': {'length': 1.0}}], 'threshold'))
     cliff = Model(gimball, Terrain.step(-0.05, at=0.3))
-    # The damping rises with the root of the stiffness, so that bounces stay as high.
+    # The damping scales with the root of the stiffness, which keeps the height of bounces.
     stiff = replace(gimball, contact_stiffness=100.0 * gimball.contact_stiffness,
                     contact_damping=10.0 * gimball.contact_damping)
     return [

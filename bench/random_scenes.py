@@ -47,7 +47,7 @@ def _terrain(draw):
 def _start(draw, model):
     angle = draw.uniform(-2, 2) if model.robot.has_pendulum else 0.0
     start = model.at_rest(draw.uniform(0.0, 0.3), draw.uniform(0.2, 1.5), angle)
-    if draw.random() < 0.3:  # falls, with spin
+    if draw.random() < 0.3:  # falling, with spin
         start = State(x=start.x, y=start.y + draw.uniform(0.0, 0.2), pendulum_angle=angle,
                       velocity_x=start.velocity_x, ball_rate=draw.uniform(-15, 15))
     return start

@@ -3,7 +3,7 @@
 Time the round trip of a joint state and a joint command through rclpy alone.
 
 This is the lower bound of lockstep.  The messages are Python objects, or serialized bytes that are
-not parsed; between two processes, and within one.
+not parsed, exchanged between two processes or within one.
 """
 from contextlib import contextmanager
 import subprocess
@@ -55,7 +55,7 @@ def commander(raw):
 
 @contextmanager
 def joined(domain, *makers):
-    """Yield an executor and the nodes that some functions make, on a ROS domain."""
+    """Yield an executor and the nodes of `makers` on a ROS domain."""
     rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     nodes, executor = [make() for make in makers], new_executor()
     for node in nodes:
@@ -108,7 +108,7 @@ def measure():
 
 
 def main():
-    """Be the other process, until killed."""
+    """Run the second process until it is killed."""
     with joined(int(sys.argv[1]), lambda: commander(sys.argv[2] == '1')) as (executor, _):
         while True:
             executor.spin_once(timeout_sec=1.0)

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Run the benchmarks, and print the results beside the targets.
+Run the benchmarks, and print results and targets.
 
     make bench                       # everything, some minutes
     make bench ARGS='--only kernels'
     make bench ARGS='--only compiled --scenes near_critical,roll_60_s'
     make bench ARGS='--json out.json'
-    make bench ARGS='--only precision --write'   # and docs/bench.json
+    make bench ARGS='--only precision --write'   # also updates docs/bench.json
 
 Each part is a module whose `measure` yields name, unit, values and target of each measurement; a
 negative target is a lower bound.  A missed target is printed as missed and is not a failure.

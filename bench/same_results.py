@@ -6,7 +6,7 @@ Verify that a change of the code keeps all results bit-identical.
     .venv/bin/python bench/same_results.py --against before.json   # after it
 
 Runs every scene with every method, random scenes, control periods and searches for the maximum
-step height.  Exits with 1 and names the cases with differences in rows, statistics or errors.
+step height.  Prints the cases that differ in rows, statistics or errors, and then exits with 1.
 """
 import argparse
 from dataclasses import replace
@@ -55,7 +55,7 @@ def outcome(run):
 
 
 def variants():
-    """Yield name and solver of each way to run a scene."""
+    """Yield name and solver of each variant of a run."""
     for method, described in METHODS.items():
         yield method, Solver(method, models='full')
         if not described.fixed:
@@ -99,7 +99,7 @@ def random_scenes():
 
 
 def periods():
-    """Yield name and outcome of runs period by period, with a torque for each."""
+    """Yield name and outcome of runs in control periods, each with its torque."""
     robot = load_robot('gimball')
     for method in METHODS:
         model = Model(robot, Terrain.step(0.021, at=0.6), solver=Solver(method))
@@ -131,10 +131,10 @@ def searches():
 
 
 def differences(before, after):
-    """Return the names of the cases that differ, with the parts that do."""
+    """Return the names of the differing cases with their differing parts."""
     return [f'{name}: {before.get(name)} -> {after.get(name)}'
             for name in sorted({*before, *after})
-            # Through JSON, which has no tuples.
+            # Compared as JSON, which has no tuples.
             if json.dumps(before.get(name)) != json.dumps(after.get(name))]
 
 

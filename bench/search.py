@@ -2,7 +2,7 @@
 """
 Time the search for the maximum step height: one, all curves of Figs 5, 6 and 8, many threads.
 
-MuJoCo, where it is installed, searches the same at equal error; see search_race.py.
+MuJoCo, if installed, performs the same search at equal error; see search_race.py.
 """
 import math
 import os
@@ -30,7 +30,7 @@ def curves():
 
 
 def measure():
-    """Yield name, unit, values and target of each measurement; negative: at least."""
+    """Yield name, unit, values and target of each measurement; negative targets are minima."""
     gimball = load_robot('gimball')
 
     def one():
@@ -45,7 +45,7 @@ def measure():
         1e3 * spent(one) for _ in range(REPEATS)], 0.3
     yield 'the same, reference method', 'ms', [
         1e3 * spent(lambda: highest_step(gimball, 0.6)) for _ in range(REPEATS)], None
-    # Interleaved, so that both see the same machine.
+    # Interleaved, so that both have the same load of the machine.
     cores = os.cpu_count() or 1
     times = [(spent(lambda: all_curves(1)), spent(all_curves)) for _ in range(REPEATS)]
     yield 'Figs 5, 6, 8: 6 curves of 21 speeds', 's', [many for _, many in times], 1.0

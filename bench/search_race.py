@@ -2,8 +2,8 @@
 """
 Time the search for the maximum step height in MuJoCo and here, at equal error of the height.
 
-MuJoCo halves a bracket to half of the error; its step is the longest that leaves no more than
-the other half.  Each engine's error is against its own converged answer.
+MuJoCo bisects a bracket to half of the error; its step is the longest whose error is at most the
+other half.  The error of each engine is relative to its own converged result.
 """
 import math
 import time
@@ -21,11 +21,11 @@ STEPS = (1e-3, 5e-4, 2e-4, 1e-4, 5e-5)
 FINEST = {'implicitfast': 5e-6, 'RK4': 2e-5}
 REPEATS = 3
 LEVELS = (1e-4, 5e-5, 1e-5)  # errors of the height [m]
-CONVERGED = 1e-6  # bracket for the converged answer [m]
+CONVERGED = 1e-6  # bracket for the converged result [m]
 
 
 def highest(robot, step, integrator, width):
-    """Return MuJoCo's maximum step height by halving [m]; models are built as the heights come."""
+    """Return MuJoCo's maximum step height by bisection [m]; builds a model per height."""
     low, high = LOW, HIGH
     while high - low > width:
         middle = 0.5 * (low + high)
@@ -43,7 +43,7 @@ def spent(function):
 
 
 def race(robot):
-    """Yield name, unit, values and target of each measurement; set-up is timed, too."""
+    """Yield name, unit, values and target of each measurement; times include set-up."""
     ours = max_step_height(robot, SPEED, accuracy=1e-8)
     yield f'maximum step height at {SPEED:g} m/s, ours', 'mm', [1e3 * ours.height], None
     if not free_ball.installed():

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Run the bridge for long, on an idle or an overloaded machine, and count events.
+Run the bridge for a long time on an idle or overloaded machine, and count events.
 
     .venv/bin/python bench/soak.py --seconds 600
     .venv/bin/python bench/soak.py --seconds 600 --busy 4
     .venv/bin/python bench/soak.py --seconds 600 --busy 4 --realtime 20
 
 Link and drive have no faults, so each e-stop is spurious.  A real drive does not compete for the
-processor: the emulated one, and with `--realtime` the bridge, get real-time priority, which the
-system must permit (docs/realtime.md).  The run continues after an e-stop with a release.  A
-program that repeatedly sleeps for 2 ms runs beside it: gaps that it has, too, are caused by the
+processor, so the emulated drive, and with `--realtime` the bridge, get real-time priority, which
+the system must permit (docs/realtime.md).  After an e-stop, the run continues with a release.
+A program that repeatedly sleeps for 2 ms runs in parallel: gaps that it shares are caused by the
 machine, for example by the host of a virtual machine.
 """
 import argparse
@@ -43,7 +43,7 @@ while True:
 
 @contextmanager
 def busy_processes(number):
-    """Run a number of busy processes."""
+    """Load the machine with a number of busy processes."""
     processes = [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
                  for _ in range(number)]
     try:
@@ -56,7 +56,7 @@ def busy_processes(number):
 
 @contextmanager
 def waiting(found):
-    """Run a sleeping program beside the others; fill `found` with its wake-up times [s]."""
+    """Run a sleeping program; add its wake-up times [s] to `found`."""
     process = subprocess.Popen([sys.executable, '-c', WAITING], stdout=subprocess.PIPE, text=True)
     try:
         yield
@@ -72,12 +72,12 @@ def stolen():
 
 
 def periods_of(times):
-    """Return the time from each to the next [s]."""
+    """Return the differences between consecutive times [s]."""
     return [after - before for before, after in zip(times, times[1:])]
 
 
 def line_of(periods):
-    """Return the statistics of periods in two lines."""
+    """Return the statistics of periods as two lines of text."""
     counts = ', '.join(f'{sum(period > gap for period in periods)} above {1e3 * gap:g} ms'
                        for gap in GAPS)
     return (f'median {1e3 * np.quantile(periods, 0.5):.2f} ms, '
@@ -89,7 +89,7 @@ def line_of(periods):
 def drive(folder):
     """Yield an emulated drive with real-time priority, if permitted."""
     with emulated_apart(folder) as emulator:
-        # It is the child of this process that was started last.
+        # The drive is the last child that this process started.
         children = Path(f'/proc/self/task/{os.getpid()}/children').read_text().split()
         try:
             for thread in Path(f'/proc/{children[-1]}/task').iterdir():
@@ -101,7 +101,7 @@ def drive(folder):
 
 
 def run(folder, arguments):
-    """Run, and return begin, end, e-stops by reason and load of the bridge [% of a core]."""
+    """Return start, end, e-stops by reason and processor load of the bridge [% of a core]."""
     stops, parameters = Counter(), {'realtime_priority': arguments.realtime}
     with running(folder, drive, arguments.control, rearm=False, **parameters) as bench, \
             busy_processes(arguments.busy):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Tracking of set speeds and stops on slopes by the speed controller: tables of docs/speed_law.md.
+Measure how the speed controller tracks and stops on slopes: tables of docs/speed_law.md.
 
     .venv/bin/python bench/speed_law.py
 """
@@ -33,7 +33,7 @@ def readings(state):
 
 
 def drive(slope, speeds, duration=4.0):
-    """Return the speeds of the ball under each set speed [m/s], a row for each."""
+    """Return the speeds of the ball [m/s], one row for each set speed."""
     ball, controller, rows = plant(slope), PendulumController(ROBOT, TUNING), []
     for speed in speeds:
         controller.give(SetPoint(Mode.SPEED, speed, ball.time))
@@ -43,7 +43,7 @@ def drive(slope, speeds, duration=4.0):
 
 
 def stop(slope, speed, lean):
-    """Return how far the ball rolls from a speed to its stop [m], and then back."""
+    """Return the distances that the ball rolls from a speed to its stop, and then back [m]."""
     ball, controller = plant(slope), PendulumController(ROBOT, TUNING)
     state = speed_law.speed_law_start(0.0, 0.0, math.radians(slope), LAW)
     way = [0.0]

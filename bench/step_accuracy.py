@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Compare the accuracy of `max_step_height` with bracketing by whole runs.
+Compare the accuracy of `max_step_height` with bracketing by complete runs.
 
     python bench/step_accuracy.py                       # 1,000 random robots, slopes, frictions
     python bench/step_accuracy.py --cases 50 --first 1000 --accuracy 1e-5
 
-The requirement: 99 of 100 within the accuracy, none beyond three times it.  Exit code 1 if missed.
+Requirement: 99 % within the accuracy, none beyond three times it.  Exit code 1 if missed.
 """
 import argparse
 from concurrent.futures import ProcessPoolExecutor

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Random stops of the full model against the distance that the safety filter predicts.
+Compare random stops of the full model with the distance that the safety filter predicts.
 
-``python bench/stops.py [COUNT [SEED]]`` prints how many were longer than predicted, and the worst.
+``python bench/stops.py [COUNT [SEED]]`` prints the number of longer stops, and the worst ones.
 """
 from dataclasses import dataclass
 import math
@@ -20,27 +20,27 @@ from ballbot_ros.studies.evaluation.run import NominalModel
 
 SLOPE_MAX = math.radians(3.0)  # [rad]
 SPEEDS = (0.05, 1.1)          # before the stop [m/s]
-ROLLING = 0.4                 # time that the ball drives before the stop [s]
-LEAST_SPEED, STOP_TIME_MAX = 0.005, 15.0  # of a ball at rest [m/s], of a stop [s]
+ROLLING = 0.4                 # duration of driving before the stop [s]
+LEAST_SPEED, STOP_TIME_MAX = 0.005, 15.0  # threshold of rest [m/s], longest stop [s]
 PERIODS = 10                  # control periods between two decisions
 
 
 @dataclass(frozen=True)
 class RandomStop:
-    """A stop as soon as possible, predicted and simulated."""
+    """The predicted and the simulated distance of an immediate stop."""
 
-    speed: float  # when the stop begins [m/s]
+    speed: float  # at the start of the stop [m/s]
     slope: float  # [rad]
-    predicted: float  # distance until rest, by the safety filter [m]
-    rolled: float  # that of the full model [m]
+    predicted: float  # stopping distance of the safety filter [m]
+    rolled: float  # stopping distance of the full model [m]
 
 
 def random_stop(nominal: NominalModel, seed: int, number: int) -> RandomStop:
     """
-    Return stop `number` of a seed: robot, friction, slope and speed are drawn.
+    Return stop `number` of a seed, with random robot, friction, slope and speed.
 
-    The pilot of the decision, with the true slope and pendulum angle as its initial state, drives
-    the ball at its speed first, then stops it.
+    The pilot of the decision, initialized with the true slope and pendulum angle, first drives
+    the ball at the speed, then stops it.
     """
     random = np.random.default_rng([seed, number])
     robot = draw_robot(nominal.robot, random)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time sweeps of growing size on all cores: the cost of a case must not grow with the size."""
+"""Time sweeps of increasing size on all cores: the cost per case must stay constant."""
 import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,14 +16,14 @@ MILLION = 1e6
 
 
 def planned(size):
-    """Return a sweep over four numbers."""
+    """Return a sweep over four parameters."""
     return SweepPlan(load_robot('gimball'), design='sobol', cases=size, ranges={
         'speed': (0.3, 1.2), 'height': (0.003, 0.06), 'ball_inertia': (0.05, 0.116),
         'edge_friction': (0.1, 0.3)})
 
 
 def alone(size=2000):
-    """Return the time of a processor for one crossing, without a pool [s]."""
+    """Return the processor time of one crossing, without a pool [s]."""
     begin = time.process_time()
     run_block(planned(size), 0, size)
     return (time.process_time() - begin) / size

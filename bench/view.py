@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Cost of the live page: frames that reach a browser, and their processor load.
+Measure the live page: frames that reach a browser, and the processor load.
 
     .venv/bin/python bench/view.py
 
 The process of ``ballbot view`` simulates and draws; a client that receives every message replaces
-the browser.  Together they are the load of a user's machine, without the rendering.
+the browser.  Together they have the load of a user's machine without rendering.
 """
 from pathlib import Path
 import subprocess
@@ -18,7 +18,7 @@ import zstandard
 
 WINDOW = 10.0  # of the measurement [s]
 REPEATS = 3
-SETTLE = 3.0  # after the first frame: the page is sent, caches fill [s]
+SETTLE = 3.0  # after the first frame, while the page is sent and caches fill [s]
 
 
 def names_in(message):
@@ -39,7 +39,7 @@ def count(connection, seconds):
 
 
 def watch(scene):
-    """Return frames per second that arrive, and the part of a core that the process takes."""
+    """Return received frames per second, and the processor load of the process [cores]."""
     import looker
     process = subprocess.Popen(
         [sys.executable, '-m', 'ballbot_ros.cli', 'view', scene, '--no-browser', '--port', '0'],

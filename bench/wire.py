@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measure the link to the motor: latency, bytes, codecs, bad links, and pulled plugs."""
+"""Measure the link to the motor: latency, bytes, codecs, corrupted bytes and unplugging."""
 import os
 from pathlib import Path
 import random
@@ -21,7 +21,7 @@ FASTEST = {protocol: max(driver_class(protocol).baud_rates) for protocol in PROT
 RATE = 500.0
 FRAMES = 1_000_000
 CYCLES = 1_000
-LATE = 16  # periods: what a VESC packet of the largest short length holds up
+LATE = 16  # periods that a VESC packet with the largest short length delays
 STEP = 0.08 / 64  # commanded torques are multiples of it [N m]
 
 
@@ -53,7 +53,7 @@ def budgets():
 
 
 def codecs():
-    """Yield how many replies per second each parser takes."""
+    """Yield the replies per second that each parser decodes."""
     for protocol in PROTOCOLS:
         codec, rates = codec_of(protocol), []
         reply = codec.reply_of(b'-12.345678 9.876543')
@@ -104,7 +104,7 @@ def latency(protocol):
 
 
 def run_bad_line(protocol, frames, part):
-    """Send torques over a bad line and return what the motor did after each."""
+    """Send torques over a corrupted line; return the torque of the motor after each."""
     settings = settings_for(load_scene('flat').model.robot)
     line = MemoryLine(device_class(protocol)(settings))
     driver = open_driver(protocol, line, options_for(protocol, settings), line.clock)
@@ -131,11 +131,11 @@ def run_bad_line(protocol, frames, part):
 
 def bad_line(protocol):
     """
-    Yield how many wrong torques a million frames make of which 1 % arrive with a changed byte.
+    Yield the number of wrong torques in a million frames of which 1 % have a corrupted byte.
 
-    Right is what a clean line makes of the command, what the motor had before (the command was
-    refused), what it makes of one of the LATE commands before (a length that grew on the way held
-    them up), and nothing at all (less than a thousandth of the limit).
+    A torque is not wrong if it is that of a clean line, the previous one (command refused), that
+    of one of the last LATE commands (delayed by a corrupted length), or negligible (less than a
+    thousandth of the limit).
     """
     clean = run_bad_line(protocol, 129, 0.0)
     torques = run_bad_line(protocol, FRAMES, 0.01)
@@ -177,7 +177,7 @@ def plugs():
 
 
 def session(emulator):
-    """Open the port, arm, drive, and pull the plug; return the time until there was torque [s]."""
+    """Open the port, arm, drive, and unplug; return the time until the first torque [s]."""
     begin = time.perf_counter()
     with open_line('odrive', emulator.path, emulator.baud) as link:
         driver = open_driver('odrive', link, options_for('odrive', emulator.settings))
@@ -191,7 +191,7 @@ def session(emulator):
         emulator.call(emulator.terminal.unplug)
         try:
             driver.send_torque(STEP)
-            raise RuntimeError('a pulled plug went unnoticed')
+            raise RuntimeError('the unplugged line was not detected')
         except LinkError:
             emulator.call(emulator.terminal.plug)
     return spent

@@ -1,22 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Prepare .venv so that `.venv/bin/ballbot` and `import ballbot_ros.msg` simply work.
+Prepare .venv so that `.venv/bin/ballbot` and `import ballbot_ros.msg` work.
 
     python3 scripts/bootstrap.py [run|test|bench|fuzz|mutants]
 
-`run` is all that the demo and the nodes need; `test` (the default) adds the needs of the tests,
-the documentation and the optional features; the others add their own packages to that.
+`run` installs the requirements of demo and nodes; `test` (the default) adds those of tests,
+documentation and optional features; the other groups add their own packages to `test`.
 
 The stages: find a Python and the system tools, make the virtual environment, install the pinned
-packages, correct the include paths in the ROS wheels, build the messages with colcon and compile
-the kernels of the nodes meanwhile. A finished stage leaves a stamp with a hash of its inputs, and
-a stage whose stamp matches is skipped: the second run costs nothing, and an interrupted one
-continues where it was.
+packages, correct the include paths in the ROS wheels, and build the messages with colcon while
+the kernels of the nodes compile. A finished stage writes a stamp with a hash of its inputs, and a
+stage with a matching stamp is skipped: an interrupted run resumes.
 
-Where a ROS 2 installation is sourced, it takes the place of the wheels and of interfaces/. With
+A sourced ROS 2 installation replaces the wheels and interfaces/. With
 BALLBOT_DISTRO=kilted the wheels are those of Kilted, in .venv-kilted.
 
-Standard library only, and readable by old interpreters, which it refuses with a message.
+It uses the standard library only and runs on old interpreters, which it refuses with a message.
 """
 import ast
 import fcntl
@@ -39,8 +38,8 @@ PACKAGE = 'ballbot_ros'
 GROUPS = ('run', 'test', 'bench', 'fuzz', 'mutants')
 UV = 'uv==0.13.9'
 PIP = [PYTHON, '-m', 'pip', '--disable-pip-version-check', 'install', '--no-input']
-# The loader reads LD_LIBRARY_PATH at process start only, hence a new start. The wheels bring the
-# same trick; this one is for a sourced ROS 2 installation, without .venv/lib on its path.
+# The loader reads LD_LIBRARY_PATH only when a process starts, so Python is executed again. The
+# wheels do the same; this hook serves a sourced ROS 2 installation, whose path lacks .venv/lib.
 LIBRARY_PATH_HOOK = """\
 import os
 import sys
@@ -56,22 +55,22 @@ if library not in known:
 # --- The stages -----------------------------------------------------------------------------
 
 def make_venv(python, ros):
-    """Return the work that makes an empty .venv in place of the one that this script made."""
+    """Return the work that replaces the .venv of this script by an empty one."""
     def work(stage):
         old = VENV.with_name(VENV.name + '-old')
         if VENV.exists():
             if not (VENV / 'made-by-bootstrap').exists():
                 raise Problem(
                     '%s was not made by this script. Move it away, then run again.' % VENV)
-            VENV.rename(old)  # Immediately, so that an interruption leaves no half of it behind
+            VENV.rename(old)  # Atomic, so that an interruption leaves no partial .venv
         shutil.rmtree(str(old), ignore_errors=True)
         VENV.mkdir()
         (VENV / 'made-by-bootstrap').touch()
         stage.command(python['executable'], '-m', 'venv',
                       *(['--system-site-packages'] if ros else []), VENV)
         site = site_packages()
-        # The checkout itself comes first, so that an edit takes effect without a build. The build
-        # folder holds the metadata by which the executables in lib/ballbot_ros find their modules.
+        # The checkout precedes the build folder, so that an edit takes effect without a build. The
+        # build folder contains the metadata that the executables in lib/ballbot_ros need.
         (site / (PACKAGE + '.pth')).write_text('%s\n%s\n' % (ROOT, VENV / 'build' / PACKAGE))
         if ros:
             (site / '_ballbot_ros_library_path.py').write_text(LIBRARY_PATH_HOOK)
@@ -86,7 +85,7 @@ def site_packages():
 
 
 def missing_packages(names):
-    """Return the packages of .in files that a sourced ROS 2 lacks, and pins for all others."""
+    """Return the packages of .in files that a sourced ROS 2 lacks, and pins of all packages."""
     # Reversed: of two versions, Python imports the first on the path.
     installed = json.loads(subprocess.check_output([str(PYTHON), '-c', (
         'import importlib.metadata as m, json, re\n'
@@ -108,20 +107,20 @@ def missing_packages(names):
 
 
 def install_pinned(stage, lock, *options):
-    """Install the packages of a file that pins each of them."""
+    """Install the pinned packages of a lock file."""
     lines = [line for line in lock.read_text().splitlines() if line[:1].isalnum()]
     tools = [line for line in lines if line.startswith(('packaging==', 'setuptools==', 'wheel=='))]
-    # Isolated, a source package among them (empy) would fetch tools without a pin.
+    # With build isolation, a source package (empy) would fetch unpinned tools.
     steps = [['--no-deps', *tools]] if tools else []
     install(stage, steps + [['--no-deps', '--no-build-isolation', *options, '-r', lock]])
 
 
 def install(stage, steps):
     """
-    Run installations given by their options, with uv where it can be had, otherwise with pip.
+    Run installations given by their options, with uv if available, otherwise with pip.
 
-    uv takes a fifth of the time of pip. It does not read the settings of pip, so those that name
-    package indexes are handed over.
+    uv takes a fifth of the time of pip. It does not read the settings of pip, so the package
+    indexes are passed on the command line.
     """
     uv = shutil.which('uv') or shutil.which(str(VENV / 'bin' / 'uv'))
     if not uv and stage.command(*PIP, '--no-deps', '--only-binary', ':all:', UV, check=False):
@@ -144,10 +143,10 @@ def install(stage, steps):
 
 
 def pip_settings():
-    """Return the settings of pip by their names."""
+    """Return the settings of pip by name."""
     lines = subprocess.check_output([str(PYTHON), '-m', 'pip', 'config', 'list']).decode()
     found = {}
-    # The environment overrides the section of the command, and that one the global section.
+    # The environment overrides the section of the command, which overrides the global section.
     for key, value in sorted((line.partition('=')[::2] for line in lines.splitlines()),
                              key=lambda item: (item[0].startswith(':env:'), item[0])):
         section, _, name = key.rpartition('.')
@@ -176,7 +175,7 @@ def install_run_packages(ros):
         remove_half_installed()
         if not ros:
             install_pinned(stage, run_lock())
-            mend_include_paths()
+            correct_include_paths()
             return
         install_missing(stage, 'run.in', 'build.in')
     return work
@@ -194,12 +193,12 @@ def install_test_packages(ros):
 
 
 def install_docs_packages(stage):
-    """Install the builder of the site beside the packages of .venv, not among them."""
+    """Install the packages that build the site into .venv/docs, separate from those of .venv."""
     install_pinned(stage, LOCKS / 'docs.txt', '--target', VENV / 'docs')
 
 
 def install_missing(stage, *names):
-    """Install packages missing in a sourced ROS 2, with pins that keep its own ones unchanged."""
+    """Install packages that a sourced ROS 2 lacks; pins keep its own packages unchanged."""
     lacking, pins = missing_packages(names)
     if lacking:
         constraints = VENV / ('pins_%s.txt' % stage.name)
@@ -209,14 +208,14 @@ def install_missing(stage, *names):
 
 
 def remove_half_installed():
-    """Remove the remains of an interrupted pip, which writes INSTALLER last."""
+    """Remove the partial packages of an interrupted pip, which writes INSTALLER last."""
     for info in site_packages().glob('*.dist-info'):
         if not (info / 'INSTALLER').exists():
             shutil.rmtree(str(info))
 
 
-def mend_include_paths():
-    """Point the wheels' CMake files to this Python, not to that of the machine that built them."""
+def correct_include_paths():
+    """Replace the Python of the build machine in the wheels' CMake files by this Python."""
     python, numpy = subprocess.check_output([str(PYTHON), '-c', (
         'import numpy, sysconfig; print(sysconfig.get_path("include")); '
         'print(numpy.get_include())')]).decode().split('\n')[:2]
@@ -242,7 +241,7 @@ def colcon(stage, ros, build, *paths):
     """Build packages into .venv itself, which serves as their install prefix."""
     env = dict(os.environ, PATH='%s%s%s' % (PYTHON.parent, os.pathsep, os.environ['PATH']),
                BALLBOT_MESSAGES_PYTHON_ONLY='ON')
-    # Without a number of jobs, colcon limits make by the load of the machine.
+    # Without a number of jobs, colcon limits make according to the load of the machine.
     env.setdefault('MAKEFLAGS', '-j%d' % (os.cpu_count() or 1))
     for name in ('PYTHONPATH', 'COLCON_PREFIX_PATH', 'AMENT_PREFIX_PATH', 'CMAKE_PREFIX_PATH'):
         if not ros:
@@ -258,10 +257,10 @@ def colcon(stage, ros, build, *paths):
 
 
 def build_interface(package):
-    """Return the work that builds a package of interfaces/, unless a wheel has brought it."""
+    """Return the work that builds a package of interfaces/, unless a wheel contains it."""
     def work(stage):
         build = VENV / ('build_' + package)
-        if build.exists():  # Made by this script before
+        if build.exists():  # Built by an earlier run
             shutil.rmtree(str(build))
             remove_built(package)
         if not any(VENV.glob('lib/python3*/site-packages/%s' % package)):
@@ -276,7 +275,7 @@ def build_messages(ros):
         built = [PACKAGE]
         paths = [ROOT]
         tf = 'tf2_msgs'
-        if (VENV / 'build' / tf).exists():  # Made by this script before
+        if (VENV / 'build' / tf).exists():  # Built by an earlier run
             built.append(tf)
         shutil.rmtree(str(VENV / 'build'), ignore_errors=True)
         for package in built:
@@ -315,7 +314,7 @@ def set_up(group):
     messages = [ROOT / name for name in ('package.xml', 'setup.py', 'setup.cfg')]
     for folder in ('msg', 'srv', 'action', 'cmake_msgs', 'interfaces/tf2_msgs'):
         messages += files(folder)
-    # Of these only the names matter: they are installed as links.
+    # Only the names of these matter: they are installed as links.
     links = [str(path) for folder in ('config', 'launch') for path in files(folder, '[!._]*.*')]
     cache = os.environ.get('XDG_CACHE_HOME', '')
     sources = files(PACKAGE, '*.py')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Formulas of the site as MathML, which browsers show by themselves: no script, no network."""
+"""Render the formulas of the site as MathML, which browsers display without scripts."""
 from docutils.nodes import SkipNode
 from docutils.utils.math import latex2mathml
 
@@ -24,5 +24,5 @@ def _block(self, node):
 
 
 def setup(app):
-    """Make this a renderer of Sphinx."""
+    """Register the renderer with Sphinx."""
     app.add_html_math_renderer('mathml', (_inline, None), (_block, None))

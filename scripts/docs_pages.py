@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The pages of the documentation site that are not files of docs/, and the links between all of them.
+Generate the pages of the documentation site whose sources are outside of docs/, and adapt links.
 
-Links in the Markdown files are those of a plain Git host: relative paths from file to file. So
-README.md and others outside of docs/ are copied to docs/generated/, and every link to a file that
-is a page of the site becomes a link to that page.
+Links in the Markdown files are relative paths between files, as on a Git host. README.md and
+other files outside of docs/ are copied to docs/generated/, and every link to a file that is a page
+of the site becomes a link to that page.
 """
 import base64
 import json
@@ -36,7 +36,7 @@ def write(docs):
             pages[page] = followed(pages[page], ROOT / file, folder / page, docs)
     for name, text in pages.items():
         path = folder / name
-        # Sphinx reads files again that are newer than its last build.
+        # Sphinx rereads files that are newer than its last build.
         if not path.exists() or path.read_text(encoding='utf-8') != text:
             path.write_text(text, encoding='utf-8')
 
@@ -55,7 +55,7 @@ def notebook(text, folder):
             if 'image/png' in data:
                 name = f'paper_{number}.png'
                 (folder / name).write_bytes(base64.b64decode(data['image/png']))
-                # In the words of the sources, whose links are followed afterwards.
+                # As a link in the source, which `followed` adapts below.
                 parts.append(f'![What the cell above draws](../docs/{GENERATED}/{name})')
             else:
                 shown = ''.join(output.get('text') or data['text/plain'])
@@ -65,9 +65,9 @@ def notebook(text, folder):
 
 def followed(text, source, page, docs):
     """
-    Return Markdown with its links as a page in the folder of all pages, `docs`, has them.
+    Return Markdown with its links adapted to a page in the folder of all pages, `docs`.
 
-    The links of the text are relative to its file, `source`.
+    The links of the given text are relative to its file, `source`.
     """
     pages = {(ROOT / file).resolve(): docs / GENERATED / page for file, page in COPIED.items()}
 
@@ -82,13 +82,13 @@ def followed(text, source, page, docs):
         return f'{match.group(1)}{relative}{match.group(3)}'
 
     def plain(match):
-        # A folder is not a page: a Git host shows it, the site only names it.
+        # A folder is not a page: a Git host links it, the site only names it.
         return match.group(1) if (source.parent / match.group(2)).is_dir() else match.group()
     return LINK.sub(replaced, FOLDER.sub(plain, text))
 
 
 def source_read(app, docname, source):
-    """Follow the links of a page as Sphinx reads it; the first one also gets its contents."""
+    """Adapt the links of a page as Sphinx reads it; the first page also gets its contents."""
     page = Path(app.env.doc2path(docname))
     docs = Path(app.srcdir)
     if page.suffix == '.md' and docname.split('/')[0] != GENERATED:

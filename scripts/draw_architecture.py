@@ -18,12 +18,12 @@ from structure import edges, folders, modules  # noqa: E402, I100, I201
 
 from ballbot_ros.figures import canvas  # noqa: E402
 
-# Every folder may import these; the picture leaves their arrows out.
+# Every folder may import these; the picture omits their arrows.
 BASE = {'errors', 'config', 'jit', 'compile_notice'}
 
 
 def reduced(graph):
-    """Return {folder: imports} without those that a chain of other imports implies."""
+    """Return {folder: imports} without imports that a chain of others implies."""
     def reach(folder):
         return set().union({folder}, *map(reach, graph[folder]))
     return {folder: {name for name in names
@@ -32,7 +32,7 @@ def reduced(graph):
 
 
 def folder_graph():
-    """Return {folder: folders that it imports}, physics as one folder, without the base."""
+    """Return {folder: imported folders} without the base; physics counts as one folder."""
     graph = {}
     for folder, names in folders(edges()).items():
         top = folder.split('.')[0]
@@ -43,7 +43,7 @@ def folder_graph():
 
 
 def ranks(graph):
-    """Return {folder: its row}: one above the highest folder that it imports."""
+    """Return {folder: row}; the row is one above the highest imported folder."""
     found = {}
 
     def rank(folder):
@@ -68,7 +68,7 @@ def draw():
     rows = {}
     for folder, row in ranks(graph).items():
         rows.setdefault(row, []).append(folder)
-    # Each folder stands near the mean position of those that it imports.
+    # Each folder is placed near the mean position of its imports.
     place = {}
     for row in sorted(rows):
         rows[row].sort(key=lambda folder: (sum(place[name][0] for name in graph[folder])

@@ -21,7 +21,7 @@ from ballbot_ros.navigation import RoutePlanner  # noqa: E402
 from ballbot_ros.paper.figures import FIGURES  # noqa: E402
 from ballbot_ros.physics import load_robot, load_scene  # noqa: E402
 
-# Proportions of the drawing, in ball radii; the penetration is exaggerated to be seen.
+# Proportions of the drawing, in ball radii; the penetration is exaggerated.
 RADIUS, STEP, DEEP, PENDULUM = 1.0, 0.42, 0.07, 0.60
 BALL_ANGLE, PENDULUM_ANGLE = math.radians(-58.0), math.radians(42.0)
 SMALL = 8.5
@@ -43,7 +43,7 @@ def arrow(axes, start, end, colour, width=1.6, style='-|>', bend=0.0):
 
 
 def turn(axes, centre, radius, begin, end, colour, width=1.3):
-    """Draw an arc from angle `begin` to `end`, from hanging down, with a head at its end."""
+    """Draw an arc with an arrowhead between two angles, measured from hanging down."""
     low, high = sorted((begin, end))
     axes.add_patch(Arc(centre, 2 * radius, 2 * radius, color=colour, lw=width, zorder=7,
                        theta1=math.degrees(low) - 90.0, theta2=math.degrees(high) - 90.0))

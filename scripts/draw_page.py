@@ -2,7 +2,7 @@
 """
 Redraw the picture of the live page: ``python scripts/draw_page.py [FILE]``.
 
-It opens the page in a Chromium without a window, as the tests of the page do.
+It opens the page in a headless Chromium, as the tests of the page do.
 """
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,7 +19,7 @@ from ballbot_ros.physics import load_scene  # noqa: E402
 from ballbot_ros.view.scene_source import SceneSource  # noqa: E402
 
 NAMES = ('chromium', 'chromium-browser', 'google-chrome')
-# WebGL by the processor, where there is no graphics card; root has no sandbox.
+# Software WebGL for machines without a graphics card; root has no sandbox.
 OPTIONS = ('--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader',
            '--ignore-gpu-blocklist')
 WIDTH, HEIGHT = 1280, 720
@@ -33,7 +33,7 @@ class NoBrowser(RuntimeError):
 
 @contextmanager
 def browser():
-    """Give a Chromium without a window; raise `NoBrowser` where there is none with WebGL."""
+    """Yield a headless Chromium with WebGL; raise `NoBrowser` if there is none."""
     from playwright.sync_api import Error, sync_playwright
     path = next(filter(None, map(shutil.which, NAMES)), None)
     if path is None:
@@ -54,7 +54,7 @@ def browser():
 
 
 def standing(name):
-    """Return a scene that stands at its start, compiled."""
+    """Return a compiled scene, paused at its start."""
     load_machine_code(load_scene(name))
     source = SceneSource(name, paused=True)
     source.apply('step', 0.02)
@@ -64,7 +64,7 @@ def standing(name):
 
 @contextmanager
 def served(source):
-    """Return the page of a source, without a browser yet."""
+    """Yield the page of a source, without a browser."""
     from ballbot_ros.view.page import Page
     from ballbot_ros.view.server import free_port, LOOPBACK, PageServer
     page = Page(source, PageServer(LOOPBACK, free_port(LOOPBACK, None)))
@@ -84,7 +84,7 @@ def look(tab, url):
 
 
 def close_notes(tab):
-    """Close the notes in front of the scene, about a missing graphics card."""
+    """Close notifications about a missing graphics card, which cover the scene."""
     for button in tab.locator('.mantine-Notification-closeButton').all():
         button.click()
     tab.wait_for_function("() => !document.querySelector('.mantine-Notification-root')")
@@ -101,7 +101,7 @@ def main():
         for _ in range(20):
             source.apply('step', 0.02)
         tab.keyboard.press('2')  # the camera preset from behind
-        tab.wait_for_timeout(5e3)  # where there is no graphics card, it takes a while
+        tab.wait_for_timeout(5e3)  # software rendering is slow
         tab.screenshot(path=file)
 
 

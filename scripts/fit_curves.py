@@ -22,8 +22,8 @@ from ballbot_ros.studies.curve_fit import curve_text, fit_curve, heights_for, Re
 
 FOLDER = Path(__file__).resolve().parent.parent / 'config' / 'curves'
 SPEEDS = np.linspace(0.2, 1.2, 21)
-# Heights may differ by this between machines [m]; the conservative cubic touches few of them,
-# and which ones may change.
+# Tolerance of heights between machines [m]; the conservative cubic passes through few of the
+# heights, and these may differ between machines.
 DRIFT = {'coefficients': 2e-5, 'conservative': 5e-5}
 
 CURVES = {

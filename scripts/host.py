@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Find a Python that will do, and the system tools that the set-up needs.
+Find a suitable Python and the system tools that the set-up needs.
 
-Run as a program it describes the interpreter that runs it, as JSON. It must stay readable by old
-interpreters, because it reports that they are too old.
+Run as a program, it describes its interpreter as JSON. It must run on old interpreters, because it
+reports that they are too old.
 """
 import importlib.util
 import json
@@ -14,7 +14,7 @@ import subprocess
 import sys
 import sysconfig
 
-OLDEST, NEWEST = (3, 10), (3, 13)  # Of the ROS wheels; a sourced ROS 2 may bring a newer one
+OLDEST, NEWEST = (3, 10), (3, 13)  # For the ROS wheels; a sourced ROS 2 may use a newer Python
 
 
 class Problem(Exception):
@@ -27,11 +27,11 @@ def sourced_ros():
 
 
 def describe():
-    """Describe the running interpreter, as far as the choice between several needs it."""
+    """Describe the running interpreter, as required to choose one."""
     rclpy = importlib.util.find_spec('rclpy')
     return {
         'version': list(sys.version_info[:2]),
-        # Of a virtual environment the interpreter below it, which outlives .venv itself.
+        # In a virtual environment, its base interpreter, which outlives .venv.
         'executable': os.path.realpath(getattr(sys, '_base_executable', None) or sys.executable),
         'venv': all(importlib.util.find_spec(name) for name in ('venv', 'ensurepip')),
         'headers': os.path.exists(os.path.join(sysconfig.get_path('include'), 'Python.h')),
@@ -40,7 +40,7 @@ def describe():
 
 
 def describe_other(python):
-    """Let another interpreter describe itself; None where it does not run."""
+    """Return the description of another interpreter, None if it does not run."""
     try:
         out = subprocess.check_output([python, os.path.abspath(__file__)],
                                       stderr=subprocess.DEVNULL)
@@ -50,7 +50,7 @@ def describe_other(python):
 
 
 def choose_python(ros):
-    """Return the description of the first interpreter that will do, the running one first."""
+    """Return the description of the first suitable interpreter, starting with the running one."""
     if not ros and platform.machine() != 'x86_64':
         raise Problem(
             'ROS 2 as Python wheels exists for x86_64 only, and this is %s.\n'
@@ -78,7 +78,7 @@ def choose_python(ros):
 
 
 def check_tools(python):
-    """Name every missing system tool, with the command that installs them all."""
+    """Raise `Problem` if system tools are missing; name all and the command to install them."""
     name = 'python%d.%d' % tuple(python['version'])
     tools = [
         (python['venv'], 'the venv module of %s' % name, name + '-venv'),

@@ -74,7 +74,7 @@ def main(argv=None):
         if run(*tests).returncode:
             shutil.rmtree(folder)
             sys.exit('the tests fail without any mutation: repair them first')
-        # A mutation that takes much longer than the original code has been detected.
+        # A mutation that takes much longer than the original code counts as detected.
         (folder / 'config.toml').write_text(CONFIG.format(
             package=arguments.package, timeout=60.0 + 3.0 * (monotonic() - start),
             command=' '.join(tests)))

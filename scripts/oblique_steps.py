@@ -34,25 +34,25 @@ HEADER = """\
 BLOCK = 0.02  # simulated between two checks of the result [s]
 ATTEMPT_TIME_MAX = 5.0  # of an attempt [s]
 HEIGHT_TOLERANCE = 5e-5  # of heights [m]
-SETTLING = 2.0  # time for the steering law after a crossing [s]
+SETTLING = 2.0  # duration of the steering law after a crossing [s]
 ANGLES = (0, 15, 30, 45)  # [deg]
 SPEEDS = (0.5, 0.8, 1.1)  # [m/s]
-SET_ANGLES = (None, 0.0, 0.5 * math.pi)  # free, down and level
-SHARES = (0.5, 0.8, 0.97)  # of the maximum height, at which the course afterwards is measured
+SET_ANGLES = (None, 0.0, 0.5 * math.pi)  # free, down and horizontal
+HEIGHT_FRACTIONS = (0.5, 0.8, 0.97)  # of the maximum height, for the course changes
 
 
 class ObliqueApproach(NamedTuple):
-    """How the ball meets the step."""
+    """State of the ball at its first contact with the step."""
 
     robot: Robot
     speed: float  # along the heading at the touch [m/s]
     angle: float = 0.0  # between heading and normal of the edge [rad]
-    set_angle: Optional[float] = None  # that law (11) holds [rad]; None for a free pendulum
+    set_angle: Optional[float] = None  # held by law (11) [rad]; None for a free pendulum
 
 
 def cross(approach: ObliqueApproach, height: float) -> Optional[FreeBall]:
     """
-    Return the ball as it gets over a step of a height [m], None where it fails.
+    Return the ball after it has crossed a step of a height [m], None if it fails.
 
     Raises `ConfigurationError` if MuJoCo is not installed.
     """
@@ -93,12 +93,12 @@ def course(ball: FreeBallState) -> float:
 
 
 class ObliqueResult(NamedTuple):
-    """What came of one approach at all angles."""
+    """Results of one speed and set angle at all approach angles."""
 
     speed: float  # [m/s]
     set_angle: Optional[float]  # [rad]
     heights: list[float]  # by angle [m]
-    course_changes: list[list[float]]  # by angle and `SHARES` [rad]
+    course_changes: list[list[float]]  # by angle and `HEIGHT_FRACTIONS` [rad]
     heading_changes: list[list[float]]
 
 
@@ -111,9 +111,9 @@ def measure(robot: Robot, speed: float, set_angle: Optional[float],
         approach = ObliqueApproach(robot, speed, math.radians(degrees), set_angle)
         heights.append(maximum_height(approach, tolerance))
         crossed = []
-        for share in SHARES:
+        for share in HEIGHT_FRACTIONS:
             after = cross(approach, share * heights[-1])
-            assert after is not None  # a lower step is crossed
+            assert after is not None  # below the maximum height
             crossed.append((course(after.state()) - approach.angle,
                             settle(after) - approach.angle))
         courses.append([pair[0] for pair in crossed])
@@ -135,7 +135,7 @@ def main():
     table = {
         'robot': robot.name, 'source': 'derived', 'angles_deg': list(ANGLES),
         'lowest_factor': rounded(factors.min(axis=0), 3),
-        'highest_factor': rounded(factors.max(axis=0), 3), 'height_shares': list(SHARES),
+        'highest_factor': rounded(factors.max(axis=0), 3), 'height_shares': list(HEIGHT_FRACTIONS),
         'lowest_course_change_deg': rounded(courses.min(axis=0), 1),
         'highest_course_change_deg': rounded(courses.max(axis=0), 1),
         'lowest_heading_change_deg': rounded(headings.min(axis=0), 1),
@@ -147,7 +147,7 @@ def main():
 
 
 def rounded(values, digits):
-    """Return numbers for a file; no negative zero."""
+    """Return rounded numbers without negative zero."""
     return (np.round(values, digits) + 0.0).tolist()
 
 

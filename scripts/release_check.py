@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Refuse a release while the manifest holds placeholders, or the changelog no dated section.
+Refuse a release if the manifest has placeholders or the changelog has no dated section.
 
     .venv/bin/python scripts/release_check.py
 

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Run a notebook and store the output of its cells, with Python alone: Jupyter is not needed.
+Run a notebook and store the output of its cells, without Jupyter.
 
     .venv/bin/python scripts/run_notebook.py examples/paper.ipynb
 
-A cell is run like a part of one program. What it prints is kept as text, and its last expression
-as a picture where it is a figure, else as Python shows it.
+The cells run as parts of one program. Printed output is stored as text, and the value of the last
+expression as a picture if it is a figure, otherwise as its representation.
 """
 import ast
 import base64
@@ -19,7 +19,7 @@ DOTS_PER_INCH = 80
 
 
 def run_cells(cells):
-    """Run the code cells in their order; yield each with its new outputs."""
+    """Run the code cells in order; yield each with its new outputs."""
     names = {'__name__': '__main__'}
     for number, cell in enumerate((cell for cell in cells if cell['cell_type'] == 'code'), 1):
         printed = io.StringIO()
@@ -36,7 +36,7 @@ def run_cells(cells):
 
 
 def run_cell(source, names):
-    """Run a cell; return the value of its last line if that is an expression."""
+    """Run a cell; return the value of its last statement if it is an expression."""
     tree = ast.parse(source)
     last = tree.body.pop() if tree.body and isinstance(tree.body[-1], ast.Expr) else None
     exec(compile(tree, 'cell', 'exec'), names)

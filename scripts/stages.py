@@ -2,7 +2,7 @@
 """
 Stages of the set-up: logged, timed, and stamped with a hash of their inputs.
 
-This file must stay readable by old interpreters, as the rest of the set-up.
+This file must run on old interpreters, like the rest of the set-up.
 """
 import argparse
 import hashlib
@@ -17,7 +17,7 @@ import time
 from host import Problem
 
 ROOT = Path(__file__).resolve().parent.parent
-DISTRO = os.environ.get('BALLBOT_DISTRO', 'jazzy')  # of the wheels
+DISTRO = os.environ.get('BALLBOT_DISTRO', 'jazzy')  # ROS distribution of the wheels
 VENV = ROOT / ('.venv' if DISTRO == 'jazzy' else '.venv-' + DISTRO)
 STAMPS = VENV / 'stamps'
 INTERRUPTED = threading.Event()
@@ -34,7 +34,7 @@ def digest(*parts):
 
 
 def path_argument(name, default=None):
-    """Return the path on the command line of a script, whose docstring is its help."""
+    """Return the path argument of a script; the help text is the docstring of the script."""
     parser = argparse.ArgumentParser(description=sys.modules['__main__'].__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(name, nargs='?' if default else None, type=Path, default=default)
@@ -45,19 +45,19 @@ class Stage:
     """A part of the set-up; a stamp with the hash of its inputs marks it as finished."""
 
     def __init__(self, name, text, key, work):
-        """Take the function that does the work: it receives the stage, to run commands with."""
+        """Store the function `work`, which receives the stage in order to run commands."""
         self.name, self.text, self.key, self._work = name, text, key, work
         self.seconds = self.processor_seconds = 0.0
         self.problem = None
 
     @property
     def done(self):
-        """Return whether the stage has finished with these inputs before."""
+        """Return whether the stage has already finished with these inputs."""
         stamp = STAMPS / self.name
         return stamp.exists() and stamp.read_text() == self.key
 
     def run(self):
-        """Do the work and stamp it; a failure is kept in `problem`."""
+        """Do the work and write the stamp; a failure is stored in `problem`."""
         start = time.monotonic()
         stamp = STAMPS / self.name
         if stamp.exists():
@@ -73,15 +73,15 @@ class Stage:
 
     def command(self, *words, **options):
         """
-        Run a command into the log file of the stage.
+        Run a command with its output in the log file of the stage; return whether it succeeded.
 
-        Raises Problem where it fails, with the end of the log and the given hint; `check=False`
-        returns whether it succeeded instead. `env` is the environment.
+        Raises Problem if it fails, with the end of the log and the option `hint`, unless `check`
+        is False. `env` is the environment.
         """
         if INTERRUPTED.is_set():
             raise Problem('interrupted')
         env = dict(options.get('env') or os.environ)
-        # Each start of a node would compile the packages of .venv again.
+        # Otherwise each start of a node would compile the packages of .venv again.
         env.pop('PYTHONDONTWRITEBYTECODE', None)
         log = VENV / 'log' / (self.name + '.txt')
         log.parent.mkdir(parents=True, exist_ok=True)
@@ -102,7 +102,7 @@ class Stage:
 
 
 def run_together(*stages):
-    """Run the stages that are not done, at the same time; return them, or raise a Problem."""
+    """Run the unfinished stages in parallel; return them, or raise a Problem."""
     stages = [stage for stage in stages if not stage.done]
     threads = [threading.Thread(target=stage.run) for stage in stages]
     start = time.monotonic()

@@ -4,7 +4,7 @@ Measure the structure of ``ballbot_ros/``: size, fan-in, import cycles and readi
 
     .venv/bin/python scripts/structure.py                     # this checkout
     .venv/bin/python scripts/structure.py ../before . --markdown
-    .venv/bin/python scripts/structure.py --paths             # modules on four tasks of a reader
+    .venv/bin/python scripts/structure.py --paths             # modules of four reading paths
 """
 import argparse
 import ast
@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parent.parent
 NAME = 'ballbot_ros'
 KERNEL_DECORATORS = {'compiled', 'outlined', 'unlocked'}
 
-# Each task runs in a process of its own without compilation, so that the profiler sees kernels.
+# Each task runs in a separate process without compilation, so that the profiler records kernels.
 PATHS = {
     'scene file to trajectory': """
 from ballbot_ros.physics import load_scene
@@ -72,9 +72,9 @@ def task():
 }
 
 
-# Functions that import the module that their first argument names.
+# Functions that import the module named by their first argument.
 LOADERS = {'import_module', 'load_optional', 'from_ros'}
-# `Trajectory.plot`, `save` and `summary` import the layers above when called: shortcuts for users.
+# `Trajectory.plot`, `save` and `summary`, shortcuts for users, import upper layers when called.
 LATE = {('ballbot_ros.physics.simulation.trajectory', name) for name in (
     'ballbot_ros.results.summary.summarise', 'ballbot_ros.results.files.write_trajectory',
     'ballbot_ros.figures.canvas', 'ballbot_ros.figures.panels')}
@@ -104,9 +104,9 @@ def nodes_of(tree):
 
 def imports(module, text, is_package=False):
     """
-    Yield (line, dotted name) of each import at any depth: module, or module and name in it.
+    Yield (line, dotted name) of each import at any depth; the name may follow the module.
 
-    The text may be parsed already.
+    `text` is source text or its syntax tree.
     """
     for node in nodes_of(text if isinstance(text, ast.AST) else ast.parse(text)):
         if isinstance(node, ast.Import):
@@ -128,14 +128,14 @@ def imports(module, text, is_package=False):
 
 
 def edges(root=ROOT):
-    """Return {module: the modules of the package that it imports}."""
+    """Return {module: imported modules of the package}."""
     found = modules(root)
     graph = {}
     for module, path in found.items():
         names = (one for _, name in imports(module, tree_of(path), path.name == '__init__.py')
                  if (module, name) not in LATE
                  for one in fnmatch.filter(found, name) or [name])
-        # A name out of a module counts as an import of the module.
+        # An imported name counts as an import of its module.
         ours = {name if name in found else name.rpartition('.')[0] for name in names}
         graph[module] = sorted((ours & set(found)) - {module, NAME})
     return graph
@@ -143,9 +143,9 @@ def edges(root=ROOT):
 
 def folders(graph):
     """
-    Return {folder: the folders that it imports} for a graph of modules.
+    Return {folder: imported folders} for a graph of modules.
 
-    A folder is a first name below the package; inside physics, also the second.
+    A folder is the first name below the package; inside physics, the first two names.
     """
     found = {}
     for module, names in graph.items():
@@ -162,7 +162,7 @@ def folder_of(module):
 
 
 def cycles(graph):
-    """Return the sorted modules that import each other in a cycle."""
+    """Return the sorted modules that are part of an import cycle."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     names = sorted({*graph, *(name for others in graph.values() for name in others)})
@@ -206,7 +206,7 @@ class Source:
 
 
 def measure(root):
-    """Return {quantity: number} of a checkout."""
+    """Return {quantity: value} of a checkout."""
     sources = {name: Source(path.read_text(encoding='utf-8'))
                for name, path in modules(root).items()}
     graph = edges(root)
@@ -227,7 +227,7 @@ def measure(root):
 
 
 def modules_run(root, task):
-    """Return the sorted modules of the package whose functions a task calls in a checkout."""
+    """Return the sorted modules whose functions a task calls in a checkout."""
     program = f"""
 import json, os, sys, threading
 files_run = set()

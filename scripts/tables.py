@@ -49,7 +49,7 @@ def table(cls, prefix='', at_run_time=False):
     for item in fields(cls):
         metadata = item.metadata
         if 'source' in metadata:
-            continue  # the numbers of a file have a table of their own
+            continue  # the values of a file have a separate table
         if metadata['kind'] in (float, int):
             span = allowed(metadata)
         else:
@@ -57,7 +57,7 @@ def table(cls, prefix='', at_run_time=False):
         default = f'`{item.default}`' if item.default not in ('', None, MISSING) else ''
         row = [f'`{prefix}{item.name}`', default, span, metadata['doc']]
         if at_run_time:
-            # The numbers of a file change unless they say why not; other fields say that they do.
+            # Values of a file can change unless marked as fixed; other fields, only if marked.
             why = why_fixed(metadata if issubclass(cls, Settings) else {'fixed': '', **metadata})
             row.append(f'no: {why}' if why else 'yes')
         rows.append(row)
@@ -72,11 +72,11 @@ def driver_table(line, size, bauds, unit):
         budget = found(None, found.Options(torque_limit=0.08)).budget()
         rates = (f'{budget.highest_rate(baud):.0f} Hz' if baud in found.baud_rates else ''
                  for baud in bauds)
-        way = 'measured current' if found.closes_torque_loop else 'a computed voltage'
-        rows.append([f'`{name}`', way, f'{budget.bytes_out // unit}, {budget.bytes_in // unit}',
+        law = 'measured current' if found.closes_torque_loop else 'computed voltage'
+        rows.append([f'`{name}`', law, f'{budget.bytes_out // unit}, {budget.bytes_in // unit}',
                      *rates])
     return '\n'.join(markdown(
-        ['protocol', 'makes the torque by', size, *(f'rate at {baud}' for baud in bauds)], rows))
+        ['protocol', 'torque control by', size, *(f'rate at {baud}' for baud in bauds)], rows))
 
 
 def options():
@@ -87,7 +87,7 @@ def options():
 
 def faults():
     """Return the Markdown table of the faults of the emulated line."""
-    lines = ['| line | what it does |', '|---|---|']
+    lines = ['| line | effect |', '|---|---|']
     for name, metadata in LINE_FAULTS.items():
         number = {'1': 'PART', 's': 'SECONDS', '1/s': 'BYTES_PER_S'}[metadata['unit']]
         lines.append(f'| `{name} {number} [to\\|from]` | {metadata["doc"]} |')
@@ -99,7 +99,7 @@ def faults():
 
 def quirks():
     """Return the Markdown table of the quirks of the emulated drives."""
-    return '\n'.join(markdown(('protocol', 'quirk', 'what it does', 'after'), (
+    return '\n'.join(markdown(('protocol', 'quirk', 'effect', 'after'), (
         (f'`{protocol}`', f'`{name}`', quirk.effect, quirk.source)
         for protocol in sorted(DRIVES)
         for name, quirk in sorted(device_class(protocol).quirks.items()))))
@@ -107,7 +107,7 @@ def quirks():
 
 def odrive_settings():
     """Return the Markdown table of the required settings of an ODrive, by generation."""
-    lines = ['| firmware | setting | property | must be |', '|---|---|---|---|']
+    lines = ['| firmware | setting | property | required value |', '|---|---|---|---|']
     for generation in GENERATIONS:
         def row(setting, properties, wanted, name=generation.name):
             quoted = ', '.join(f'`{item}`' for item in properties)
@@ -119,13 +119,13 @@ def odrive_settings():
             row('watchdog', (WATCHDOG, WATCHDOG_TIMEOUT), 'on, at most `watchdog`'),
             row('velocity limit in torque mode',
                 (LIMITS_TORQUE_MODE, VELOCITY_LIMIT, VELOCITY_GAIN),
-                f'off, or more than {RUNAWAY:g} x `speed_limit` by `torque_limit` over the gain'),
+                f'off, or at least {RUNAWAY:g} x `speed_limit` + `torque_limit` / gain'),
             row('overspeed error', (OVERSPEED, VELOCITY_TOLERANCE, VELOCITY_LIMIT),
-                f'off, or their product more than {RUNAWAY:g} x `speed_limit`'),
+                f'off, or tolerance x limit at least {RUNAWAY:g} x `speed_limit`'),
             row('braking', (MAX_BACK, BACK_ALLOWED, generation.brake_enabled,
                             generation.brake_resistance),
-                f'{RUNAWAY:g} x `speed_limit` x `torque_limit` may flow into the supply, or a '
-                'brake resistor takes it')]
+                f'the supply accepts {RUNAWAY:g} x `speed_limit` x `torque_limit`, or a brake '
+                'resistor absorbs it')]
         lines += [f'| {generation.name} | {rule.setting} | `{rule.name}` | ' + ' or '.join(
             f'{value} ({rule.words[value]})' for value in rule.wanted) + ' |'
             for rule in generation.rules]
@@ -152,7 +152,7 @@ def topics():
 
 
 def file_tables(sections, but=()):
-    """Return the Markdown tables of the keys of a file, one for each of its sections."""
+    """Return the Markdown tables of the keys of a file, one for each section."""
     return '\n\n'.join(
         (f'Section `{part.key}`: {part.doc}.\n\n' if part.key else '') + key_table(part)
         for part in sections if part.keys and part.key not in but)
@@ -176,7 +176,7 @@ def pieces():
     rows = []
     for name, (_, values, optional) in PIECES.items():
         words = [f'`{key}` ({item.metadata["doc"]}, {span(item.metadata)}'
-                 + ('; may be left out)' if key in optional else ')')
+                 + ('; optional)' if key in optional else ')')
                  for key, item in values.items()]
         rows.append((f'`{name}`', '; '.join(words)))
     return '\n'.join(markdown(('piece', 'values'), rows))
@@ -197,7 +197,7 @@ HARDWARE = {
 ROBOT = {'odometry': OdometryTuning, 'battery': Battery, 'thermal': Thermal}
 FILES = {'robot': partial(file_tables, file_kinds.robot_file('my_robot')),
          'scene': partial(file_tables, file_kinds.scene_file('my_scene')), 'pieces': pieces,
-         # Other tables have the other sections.
+         # The omitted sections have other tables.
          'hardware': partial(file_tables, file_kinds.hardware_file('my_motor'),
                              ('odometry', 'battery', 'thermal', 'drive')),
          'curve': partial(file_tables, file_kinds.curve_file()),
@@ -209,7 +209,7 @@ DOCUMENTS = {DOCS / 'nodes.md': NODES, DOCS / 'hardware.md': HARDWARE, DOCS / 'r
 
 
 def rewritten(text, tables):
-    """Return a document with every table as the code has it."""
+    """Return a document with every table regenerated from the code."""
     for name, source in tables.items():
         begin, end = f'<!-- table: {name} -->\n', '<!-- end -->'
         head, rest = text.split(begin, 1)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Print where the seconds of a first and of a second `make demo` go.
+Print the durations of the parts of a first and a second `make demo`.
 
     python3 scripts/time_demo.py
 
-Clones the last commit into a temporary folder and runs the demo there twice, with an empty cache
-of kernels. Packages that uv or pip have downloaded before come from their caches.
+Clones the last commit into a temporary folder and runs the demo there twice, first with an empty
+kernel cache. Packages in the caches of uv and pip are not downloaded again.
 """
 import os
 from pathlib import Path
@@ -24,10 +24,10 @@ def main():
         subprocess.run(['git', 'clone', '--quiet', '--depth', '1', ROOT.as_uri(), str(clone)],
                        check=True)
         env = dict(os.environ, XDG_CACHE_HOME=str(Path(folder) / 'cache'))
-        # uv keeps its downloads there, which are no part of the kernels.
+        # Keep the downloads of uv: only the kernel cache is empty.
         env.setdefault('UV_CACHE_DIR', str(Path(os.environ.get(
             'XDG_CACHE_HOME') or Path.home() / '.cache') / 'uv'))
-        env.pop('ROS_DOMAIN_ID', None)  # with it, the scenes run one after the other
+        env.pop('ROS_DOMAIN_ID', None)  # with it, the scenes run sequentially
         rows = []
         for name in ('first', 'second'):
             for part, target in (('set-up', 'setup-run'), ('demo', 'demo')):

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all tests share; nothing here needs ROS."""
+"""Configuration and fixtures of all tests; this file does not need ROS."""
 from collections import Counter
 import os
 from pathlib import Path
 import re
 import sys
 
-# Child processes, the workers of pytest-xdist among them, would compile all modules at each start.
+# Otherwise child processes, such as pytest-xdist workers, would compile all modules at each start.
 os.environ.pop('PYTHONDONTWRITEBYTECODE', None)
 
 # Before numpy is imported: two workers whose matrix products take all cores wait for each other.
@@ -18,15 +18,15 @@ import pytest
 from ballbot_ros import jit as compiled
 from ballbot_ros.physics import load_robot
 
-# Which test comes first to a kernel is chance; what is said then is tested by itself.
+# It is random which test compiles a kernel first; a separate test checks the notice of a delay.
 compiled.MOMENT = float('inf')
 
-# Independent programs whose answers the package has to give.
+# Independent implementations as references, and helpers.
 for folder in ('oracles', 'helpers'):
     sys.path.append(str(Path(__file__).resolve().parent / folder))
 
-# The first call of a compiled kernel may compile it, so no example has a deadline.  In CI the
-# same examples come each time: a red build is then a change of the code, not of luck.
+# The first call of a kernel may compile it, so examples have no deadline.  CI repeats the same
+# examples, so that a failure is due to a change of the code and not to chance.
 hypothesis.settings.register_profile('local', deadline=None)
 hypothesis.settings.register_profile('ci', deadline=None, derandomize=True)
 hypothesis.settings.load_profile('ci' if os.environ.get('CI') else 'local')
@@ -37,7 +37,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 def pytest_configure(config):
     """Run the quick tier by default where colcon runs the tests; see docs/packaging.md."""
-    # To rewrite the assertions of all tests takes 14 CPU s, once where bytecode is kept.
+    # Rewriting the assertions of all tests takes 14 CPU s, only once if bytecode is kept.
     sys.dont_write_bytecode = False
     default = config.args_source is not pytest.Config.ArgsSource.ARGS
     if os.environ.get('COLCON') and default and not config.option.markexpr:
@@ -45,35 +45,35 @@ def pytest_configure(config):
         config.option.markexpr = 'not slow'
 
 
-# What needs no kernel, and takes as long as one worker needs to compile those of the nodes: the
-# other one would compile the same ones at the same time.
+# Files without kernels, which run while one worker compiles the kernels of the nodes: otherwise
+# the other worker would compile the same kernels at the same time.
 WITHOUT_KERNELS = ('test_lint.py', 'test_packaging.py')
 
 
 def pytest_collection_modifyitems(items):
-    """Put what needs no kernel right behind the tests of the system, which come first."""
+    """Run the system tests first, then the tests without kernels."""
     items.sort(key=lambda item: 'test/system/' not in item.nodeid and
                1 + (item.path.name not in WITHOUT_KERNELS))
 
 
 @pytest.hookimpl(optionalhook=True)  # of pytest-xdist, with which `make test` runs two workers
 def pytest_xdist_make_scheduler(config, log):
-    """Give the tests out by the file, in their order; those of the system one at a time."""
+    """Distribute the tests by file, in their order; the system tests run on one worker."""
     from xdist.scheduler import LoadFileScheduling
 
     class Lanes(LoadFileScheduling):
         def _split_scope(self, nodeid):
             folder, found, _ = nodeid.partition('test/system/')
             return folder + found if found else super()._split_scope(nodeid)
-    config.option.loadscopereorder = False  # longest first is how the files stand
+    config.option.loadscopereorder = False  # the files are ordered from long to short
     return Lanes(config, log)
 
 
 def pytest_addoption(parser):
-    """Add the list of skips that are no failure."""
+    """Add the option with the list of allowed skips."""
     parser.addoption('--allowed-skips', metavar='FILE', type=Path, help=(
         'fail where a test is skipped for a reason that no line of FILE matches; a line is a '
-        'regular expression, and what follows two spaces and a # says why the skip is accepted'))
+        'regular expression; the reason for accepting the skip follows two spaces and a #'))
 
 
 def unexpected_skips(patterns, skips):
@@ -84,7 +84,7 @@ def unexpected_skips(patterns, skips):
 
 @pytest.hookimpl(trylast=True)
 def pytest_sessionfinish(session):
-    """With --allowed-skips, fail where a test was skipped for another reason."""
+    """With --allowed-skips, fail if a test was skipped for another reason."""
     path = session.config.getoption('--allowed-skips')
     reporter = session.config.pluginmanager.get_plugin('terminalreporter')
     if path is None or reporter is None or hasattr(session.config, 'workerinput'):
@@ -119,7 +119,7 @@ def pytest_terminal_summary(terminalreporter, config):
 
 @pytest.fixture(autouse=True)
 def scheduling_restored():
-    """Undo the real-time priority that a bridge in this process takes: its children inherit it."""
+    """Reset the real-time priority set by a bridge in this process: children inherit it."""
     yield
     if os.sched_getscheduler(0) != os.SCHED_OTHER:
         for thread in Path('/proc/self/task').iterdir():

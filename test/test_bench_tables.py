@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the bench writes into documents is what it measured, missed targets included."""
+"""The benchmarks write their results to the documents, including missed targets."""
 from pathlib import Path
 import sys
 
@@ -21,13 +21,13 @@ FOUND = {
 }
 
 
-def test_the_ratio_is_that_to_the_best_peer_of_each_scene():
+def test_the_ratio_is_relative_to_the_best_peer_of_each_scene():
     table = compiled_tables.ratios(FOUND)
     assert table[1e-4] == pytest.approx({'near_critical': 4.0, 'roll_60_s': 12.0})
-    assert table[1e-6] == pytest.approx({'near_critical': 2.0})  # no peer gets there in the other
+    assert table[1e-6] == pytest.approx({'near_critical': 2.0})  # no peer in the other
 
 
-def test_a_missed_target_is_called_missed_with_its_scene():
+def test_a_missed_target_is_reported_with_its_scene():
     rows = {target: (reached, verdict)
             for target, reached, verdict in compiled_tables.target_rows(FOUND)}
     assert rows['5 x the best compiled peer at 0.1 mm, median of 2 scenes'][1] == 'met'
@@ -38,13 +38,13 @@ def test_a_missed_target_is_called_missed_with_its_scene():
     assert rows['`near_critical` at 1 um, 50 us'] == ('50 us', 'met')
 
 
-def test_a_bound_is_of_the_fewest_right_hand_sides_of_any_solver():
+def test_a_bound_uses_the_fewest_right_hand_sides_of_all_solvers():
     rows = {scene: rest for scene, *rest in compiled_tables.bound_rows(FOUND, 20e-9)}
     assert rows['`near_critical`'] == ['500, ours', '10', '16 x', '900, ours', '18', '5.6 x']
-    assert rows['`roll_60_s`'][3:] == ['200, ours', '4', '']  # no peer gets there
+    assert rows['`roll_60_s`'][3:] == ['200, ours', '4', '']  # no peer achieves the error
 
 
-def test_a_text_goes_between_its_marks_and_nowhere_else(tmp_path, monkeypatch):
+def test_a_text_is_written_between_its_markers_only(tmp_path, monkeypatch):
     monkeypatch.setattr(documents, 'ROOT', tmp_path)
     page = tmp_path / 'page.md'
     page.write_text('a\n<!-- bench: one -->\nold\n<!-- end -->\nb\n<!-- bench: two -->\n'

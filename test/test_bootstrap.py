@@ -25,7 +25,7 @@ def host(monkeypatch):
 
 
 def python(version, **facts):
-    """Describe an interpreter that has everything but what is said otherwise."""
+    """Describe a complete interpreter, with changes."""
     return {'version': list(version), 'executable': '/usr/bin/python3', 'venv': True,
             'headers': True, 'rclpy': None, **facts}
 
@@ -43,7 +43,7 @@ def test_a_complete_machine_raises_nothing(host, monkeypatch):
 
 
 @pytest.mark.parametrize('version', [(3, 8), (3, 14)])
-def test_an_unsupported_python_gives_way_to_one_on_the_path(host, monkeypatch, version):
+def test_an_unsupported_python_is_replaced_by_one_on_the_path(host, monkeypatch, version):
     monkeypatch.setattr(host, 'describe', lambda: python(version))
     monkeypatch.setattr(host.shutil, 'which', lambda name: f'/usr/bin/{name}')
     monkeypatch.setattr(host, 'describe_other', lambda path: python((3, 12))
@@ -120,7 +120,7 @@ def test_the_settings_of_pip_are_read_and_its_environment_comes_first(host, monk
     assert settings['extra-index-url'].split() == ['https://b', 'https://c']
 
 
-def test_a_package_has_one_pin_in_all_groups_and_each_wanted_one_has_it():
+def test_a_package_has_one_pin_in_all_groups_and_each_required_one_has_a_pin():
     pins = {}
     for name in ('run.txt', 'test.txt', 'bench.txt', 'fuzz.txt'):
         for line in lines(name):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What runs for every change: the workflow, the hooks before a commit, and the changelog."""
+"""Checks of every change: the CI workflow, the pre-commit hooks, and the changelog."""
 import os
 from pathlib import Path
 import re
@@ -52,14 +52,14 @@ def test_every_step_of_the_workflow_runs_or_uses_something(workflow):
 @pytest.mark.parametrize('hook', read('.pre-commit-config.yaml')['repos'][0]['hooks'],
                          ids=lambda hook: hook['id'])
 def test_a_hook_calls_an_installed_tool_and_refuses_as_lint_does(hook, tmp_path):
-    def ends_well(text):
+    def hook_succeeds(text):
         path = tmp_path / 'changed.py'
         path.write_text(text, encoding='utf-8')
         done = subprocess.run([*shlex.split(hook['entry']), path], cwd=ROOT, capture_output=True)
         return done.returncode == 0
     if hook.get('pass_filenames', True):
-        assert ends_well('import math\nimport os\n\nprint(math.pi, os.sep)\n')
-        assert not ends_well('import os\nimport math\n\nprint( "a")\n')
+        assert hook_succeeds('import math\nimport os\n\nprint(math.pi, os.sep)\n')
+        assert not hook_succeeds('import os\nimport math\n\nprint( "a")\n')
     else:
         files = [word for word in shlex.split(hook['entry']) if word.endswith('.py')]
         assert files and all((ROOT / name).is_file() for name in files)
@@ -79,7 +79,7 @@ def test_a_skip_for_a_reason_that_is_not_listed_fails_the_run(tmp_path):
         assert (f'test_some: {reason}' in done.stdout) is bool(code)
 
 
-def test_each_allowed_skip_is_that_of_a_test():
+def test_each_allowed_skip_occurs_in_a_test():
     patterns = [line.split('  #')[0] for line in (ROOT / '.ci' / 'skips.txt').read_text(
         encoding='utf-8').splitlines()[1:]]
     sources = [path.read_text(encoding='utf-8') for path in (ROOT / 'test').rglob('test_*.py')]

@@ -50,7 +50,7 @@ def test_every_interface_is_in_the_reference():
         for path in (ROOT / folder).glob(f'*.{folder}')}
 
 
-def test_every_name_in_the_glossary_of_symbols_is_one_of_the_code():
+def test_every_name_in_the_glossary_of_symbols_exists_in_the_code():
     table = (DOCS / 'glossary.md').read_text(encoding='utf-8').split('## Terms')[0]
     cells = [line.split('|')[2] for line in table.splitlines() if line.startswith('| ')]
     names = {name for cell in cells for name in re.findall(r'`([a-z_0-9]+)`', cell)}
@@ -62,7 +62,7 @@ def test_every_name_in_the_glossary_of_symbols_is_one_of_the_code():
 
 @pytest.mark.parametrize('page', ['files.md', 'nodes.md', 'robot.md', 'hardware.md'])
 def test_each_parameter_and_key_is_described_in_a_complete_phrase(page):
-    """They stand in descriptions of parameters, too, where there is no line before."""
+    """The phrases are also descriptions of parameters, without the context of a table."""
     rows = re.findall(r'^\| `.*\|$', (DOCS / page).read_text(encoding='utf-8'), re.M)
     cells = [cell for row in rows for cell in re.split(r' *(?<!\\)\| *', row)[2:]]
     assert len(cells) > 50
@@ -98,7 +98,7 @@ def test_help_of_a_script_that_draws_writes_nothing(tmp_path, script):
 
 
 @pytest.mark.slow
-def test_the_site_is_built_without_a_warning_and_asks_no_other_machine_for_anything(site):
+def test_the_site_is_built_without_a_warning_and_loads_nothing_from_other_machines(site):
     pages = list(site.rglob('*.html'))
     assert len(pages) > 30
     for page in pages:
@@ -117,8 +117,8 @@ def test_links_that_leave_the_folder_of_the_documents_stay_in_the_site(site):
 
 
 @pytest.mark.slow
-def test_the_settings_are_found_from_another_folder_as_rosdoc2_runs_them(tmp_path):
-    """Rosdoc2 executes docs/conf.py from within a file of its own, in a folder of its own."""
+def test_the_settings_work_from_another_folder_as_with_rosdoc2(tmp_path):
+    """Rosdoc2 executes docs/conf.py from its own file in another folder."""
     if not HAS_SPHINX:
         pytest.skip('Sphinx is not installed; "make setup" installs it')
     script = f'__file__ = {str(tmp_path / "conf.py")!r}; ' \

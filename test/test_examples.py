@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every example runs as a newcomer runs it, is short, and shows what it is there to show."""
+"""Every example runs as documented, is short, and prints the expected result."""
 from pathlib import Path
 import re
 import subprocess
@@ -36,21 +36,21 @@ def test_each_example_is_short_and_run_by_a_test():
         assert f"run('{script.name}'" in here, script.name
 
 
-def test_a_run_is_summarised_and_drawn(run, tmp_path):
+def test_a_run_is_summarized_and_drawn(run, tmp_path):
     assert '21.0 mm' in run('simulate_and_plot.py')
     for name in ('crossing.png', 'time_series.png'):
         with Image.open(tmp_path / name) as picture:
             assert min(picture.size) > 300
 
 
-def test_a_pendulum_held_level_and_more_speed_get_the_ball_higher(run):
+def test_a_horizontal_pendulum_and_more_speed_raise_the_maximum_height(run):
     lines = run('maximum_step_height.py').splitlines()
     rows = {line[:13].strip(): numbers(line) for line in lines}
     assert all(high > low for low, high in zip(rows['held down'], rows['held level']))
     assert rows['hangs freely'] == sorted(rows['hangs freely'])
 
 
-def test_a_robot_of_ones_own_rolls_and_a_misspelt_key_is_found(run):
+def test_a_custom_robot_rolls_and_a_misspelt_key_is_reported(run):
     printed = run('own_robot.py')
     start, end = numbers(printed)[:2]
     assert start == 0.2 and end > 0.5

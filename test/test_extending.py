@@ -2,8 +2,8 @@
 """
 A solver, a drive, sensors, a planner and a limit are each added in a copy, and then used.
 
-A file is copied and changed, and a table gets a line, as docs/architecture.md says.  Nothing else
-is touched, and what users see contains the new name.
+A file is copied and changed, and a table gets a line, as in docs/architecture.md.  No other file
+changes, and the output for users contains the new name.
 """
 import json
 import os
@@ -51,10 +51,10 @@ CONTINUE = np.array([-1.0530884977290216, 0.1017, 2.490627285651253, -16.5481028
 
 
 class House:
-    """A copy of the package, to build in."""
+    """A modifiable copy of the package."""
 
     def __init__(self, folder):
-        """Copy what the package needs to run."""
+        """Copy the files that the package needs to run."""
         self.folder = folder
         for name in ('ballbot_ros', 'config', 'examples'):
             shutil.copytree(ROOT / name, folder / name,
@@ -76,7 +76,7 @@ class House:
         (shutil.copytree if old.is_dir() else shutil.copy)(old, new)
 
     def run(self, *words, fails=False):
-        """Return what a Python program prints; uncompiled, which for so little is quicker."""
+        """Return the output of a Python program, uncompiled, which is faster for short runs."""
         environment = {**os.environ, 'PYTHONPATH': str(self.folder), 'BALLBOT_UNCOMPILED': '1'}
         done = subprocess.run([sys.executable, *words], cwd=self.folder, env=environment,
                               capture_output=True, text=True, timeout=300)
@@ -86,11 +86,11 @@ class House:
 
 @pytest.fixture
 def house(tmp_path):
-    """Return a copy of the package, to build in."""
+    """Return a modifiable copy of the package."""
     return House(tmp_path)
 
 
-def test_a_solver_is_a_file_and_a_line(house):
+def test_a_solver_needs_a_file_and_a_line(house):
     house.copy('physics/solvers/rk4.py', 'physics/solvers/midpoint.py')
     house.change('physics/solvers/midpoint.py', (r'ORDER = 4', 'ORDER = 2'),
                  (r'EVALUATIONS = 4', 'EVALUATIONS = 2'),
@@ -112,7 +112,7 @@ def test_a_solver_is_a_file_and_a_line(house):
     assert "'midpoint'" in simulate('midpiont', fails=True)
 
 
-def test_a_step_of_the_adaptive_method_is_a_file_and_a_line(house):
+def test_a_step_of_the_adaptive_method_needs_a_file_and_a_line(house):
     house.copy('physics/solvers/dormand_prince.py', 'physics/solvers/tsitouras.py')
     house.change('physics/solvers/tsitouras.py', (r'A = np.*?(?=STARTS = )', TSITOURAS))
     house.change('physics/solvers/controller.py',
@@ -139,10 +139,10 @@ print(json.dumps(found))
                                       'tsituoras', fails=True)
 
 
-def test_a_contact_law_is_a_file_and_a_line(house):
+def test_a_contact_law_needs_a_file_and_a_line(house):
     laws = 'physics/model/contact_laws'
     house.copy(f'{laws}/hunt_crossley.py', f'{laws}/own.py')
-    # The damping grows with the square of the penetration, and is that of the other at 1 mm.
+    # The damping grows with the square of the penetration, and equals the original at 1 mm.
     house.change(f'{laws}/own.py',
                  (r'damping = parameters.dissipation \* penetration',
                   'damping = 1e3 * parameters.dissipation * penetration * penetration'),
@@ -173,8 +173,8 @@ print(json.dumps(ends))
     assert "'own'" in house.run('drop.py', 'onw', fails=True)
 
 
-def test_a_parameter_of_the_robot_is_its_declaration_and_the_law_that_uses_it(house):
-    # In the middle of all others: nothing depends on their order.
+def test_a_parameter_of_the_robot_needs_its_declaration_and_the_law_that_uses_it(house):
+    # Between other parameters: no code depends on their order.
     house.change('physics/model/robot.py', (r'    contact_law: str', """\
     rebound_damping: float = quantity(
         'N s/m', 'damping of the shell that is added as it rebounds', minimum=0.0, default=0.0)
@@ -210,12 +210,12 @@ print(json.dumps(ends))
 @pytest.mark.parametrize('copied, protocol, classes', [
     ('uart', 'vesc', "'Vesc', 'VescDevice'"),
     ('can', 'vesc_can', "'VescCan', 'VescCanDevice', CAN")])
-def test_a_drive_is_a_folder_and_a_line(house, copied, protocol, classes):
+def test_a_drive_needs_a_folder_and_a_line(house, copied, protocol, classes):
     house.copy(f'drives/vesc/{copied}', 'drives/own')
     house.change('drives/own/driver.py', (f"'{protocol}'", "'own'"))
     house.change('drives/__init__.py', (
         r"    'vesc': ", f"    'own': Vendor('ballbot_ros.drives.own', {classes}),\n    'vesc': "))
-    # In real time, so with a solver that does little in each millisecond.
+    # In real time, therefore with a fast solver.
     example = house.folder / 'examples' / 'emulated_drive.py'
     example.write_text(example.read_text().replace("load_scene('flat')", (
         "load_scene('flat', solver=Solver('semi_implicit', step=1e-3))")).replace(
@@ -226,7 +226,7 @@ def test_a_drive_is_a_folder_and_a_line(house, copied, protocol, classes):
     assert 'own' in house.run('-m', 'ballbot_ros.cli', 'emulate-motor', '--help')
 
 
-def test_an_inertial_sensor_is_a_folder_and_a_line(house):
+def test_an_inertial_sensor_needs_a_folder_and_a_line(house):
     house.copy('imus/witmotion', 'imus/own')
     house.change('imus/own/emulated.py', ('imus.witmotion.protocol', 'imus.own.protocol'))
     house.change('imus/own/protocol.py', ('HEADER, SIZE = 0x55', 'HEADER, SIZE = 0x77'))
@@ -253,7 +253,7 @@ line.stop()
     assert re.search(r'turn_rate=\(0.0, -0.499\d*, 0.0', house.run('read.py'))
 
 
-def test_a_planner_is_a_file_and_a_line(house):
+def test_a_planner_needs_a_file_and_a_line(house):
     house.copy('decision/planning/cubic.py', 'decision/planning/timid.py')
     house.change('decision/planning/timid.py', (
         r'        return Choice\(\n            None if selected is None',
@@ -270,7 +270,7 @@ def test_a_planner_is_a_file_and_a_line(house):
     assert 'no plan crosses it from any start' in house.run('examples/closed_loop.py')
 
 
-def test_a_limit_of_the_pendulum_rate_is_a_field_of_the_tuning_and_two_lines_of_the_controller(
+def test_a_limit_of_the_pendulum_rate_needs_a_field_of_the_tuning_and_two_lines(
         house):
     house.change('control/tuning.py', (r'    speed_gain: float', """\
     rate_limit: float = quantity(
@@ -300,7 +300,7 @@ for rate in (1.0, 3.0, -3.0):
     assert 'rate_limit' in written.read_text(encoding='utf-8')
 
 
-def test_a_sensor_of_the_simulator_is_a_topic_a_rate_and_a_message(house):
+def test_a_sensor_of_the_simulator_needs_a_topic_a_rate_and_a_message(house):
     house.change('ros/topics.py', (r"    'odom': ", """\
     'inclination': Topic('std_msgs/msg/Float64', STATE, SENSOR, 'simulator', '',
                          'angle of the pendulum'),

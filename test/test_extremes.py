@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`make extremes` says how far it has got, and Ctrl-C keeps what was done."""
+"""`make extremes` reports its progress, and Ctrl-C keeps the completed cases."""
 import json
 import os
 from pathlib import Path
@@ -11,12 +11,12 @@ import sys
 import pytest
 
 RUN = Path(__file__).resolve().parents[1] / 'extremes' / 'run.py'
-ENOUGH = 4000  # cases that take far longer than the test waits
+ENOUGH = 4000  # number of cases that takes far longer than the test
 
 
 def begin(*words, **options):
-    """Start it on a small class, in a process group of its own."""
-    # Where the tests run in the background, Ctrl-C is ignored, and that is inherited.
+    """Start the program in a separate process group."""
+    # A background shell ignores SIGINT, and children inherit that.
     return subprocess.Popen(
         [sys.executable, str(RUN), *words], stdout=subprocess.PIPE, text=True,
         start_new_session=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
@@ -28,7 +28,7 @@ def test_ctrl_c_keeps_completed_cases_and_the_exit_code_reports_it(tmp_path):
     words = ['--class', 'slope', '--cases', str(ENOUGH), '--jobs', '1', '--json', str(found)]
     with begin(*words) as process:
         first = process.stderr.readline()
-        # As a terminal does: every process of the group receives it.
+        # As from a terminal: every process of the group receives the signal.
         os.killpg(process.pid, signal.SIGINT)
         out, err = process.communicate(timeout=60)
     assert re.fullmatch(rf'\d+ of {ENOUGH} cases, 0 wrong, \d+ s\n', first)
@@ -41,7 +41,7 @@ def test_ctrl_c_keeps_completed_cases_and_the_exit_code_reports_it(tmp_path):
     assert 'Traceback' not in err
 
 
-def test_progress_is_a_line_for_each_part_and_completed_cases_have_verdicts(tmp_path):
+def test_each_tenth_prints_a_line_of_progress_and_completed_cases_have_verdicts(tmp_path):
     found = tmp_path / 'found.json'
     with begin('--class', 'slope', '--cases', '30', '--jobs', '1', '--json',
                str(found)) as process:
@@ -60,7 +60,7 @@ def test_recorded_cases_are_not_repeated(tmp_path):
     with begin(*words, '--cases', '3') as process:
         process.communicate(timeout=60)
     first = kept.read_text()
-    kept.write_text(first + '{"name": "slo')  # as after a kill
+    kept.write_text(first + '{"name": "slo')  # as if killed while writing
     with begin(*words, '--cases', '5') as process:
         out, err = process.communicate(timeout=60)
     added = kept.read_text().removeprefix(first)
@@ -68,7 +68,7 @@ def test_recorded_cases_are_not_repeated(tmp_path):
     assert out.splitlines()[-1].split()[:2] == ['all', '5'] and process.returncode == 0
 
 
-def test_a_person_sees_progress_on_one_line():
+def test_a_terminal_shows_progress_on_one_line():
     pty = pytest.importorskip('pty')
     ours, theirs = pty.openpty()
     with begin('--class', 'slope', '--cases', '4', '--jobs', '1', stderr=theirs) as process:
@@ -79,13 +79,13 @@ def test_a_person_sees_progress_on_one_line():
     assert '\r4 of 4 cases, 0 wrong' in said and said.count('\n') == 1
 
 
-def test_one_case_is_run_again_by_its_name():
+def test_one_case_can_be_repeated_by_its_name():
     with begin('--only', 'slope:17') as process:
         out, _ = process.communicate(timeout=60)
     assert out.startswith('slope:17  good') and process.returncode == 0
 
 
-def test_a_case_that_is_none_is_refused():
+def test_an_unknown_case_is_refused():
     with begin('--only', 'slop:1') as process:
         _, err = process.communicate(timeout=60)
     assert '--only takes CLASS:SEED' in err and process.returncode == 2

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-What the launch files start; where launch_ros is not installed, only what can be read of them.
+The processes and arguments of the launch files.
 
-No wheel of launch_ros exists: the second half runs where ROS 2 is installed.
+No wheel of launch_ros exists: most of the tests need an installed ROS 2.
 """
 import ast
 from importlib import import_module
@@ -33,7 +33,7 @@ def started(path):
 
 
 @pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda p: p.stem)
-def test_launch_files_start_nodes_that_exist_with_parameters_that_exist(path):
+def test_launch_files_use_existing_nodes_and_parameters(path):
     known = {'bridge': BridgeSettings, 'simulator': SimulatorSettings,
              'controller': ControllerSettings, 'obstacle_decision': DecisionSettings,
              'imu': ImuSettings, 'navigator': NavigatorSettings}
@@ -44,8 +44,8 @@ def test_launch_files_start_nodes_that_exist_with_parameters_that_exist(path):
         assert names <= {*known[executable].described(), 'use_sim_time'}
 
 
-def opened(path, **arguments):
-    """Return the processes that a launch file starts, which are not started here."""
+def process_actions(path, **arguments):
+    """Return the process actions of a launch file, without executing them."""
     pytest.importorskip('launch_ros')
     from launch import LaunchContext
     from launch.actions import ExecuteProcess
@@ -63,7 +63,7 @@ def opened(path, **arguments):
 
 @pytest.fixture
 def installed(monkeypatch):
-    """Return a set of the ROS packages that are installed, for the launch files."""
+    """Return the modifiable set of packages that the launch files find installed."""
     launching = pytest.importorskip('launch_ros') and import_module('ballbot_ros.ros.launching')
     packages = {'robot_state_publisher'}
 
@@ -80,7 +80,7 @@ ROBOT_FILES = [path for path in LAUNCH_FILES if 'record' not in path.name]
 
 @pytest.mark.parametrize('path', ROBOT_FILES, ids=lambda p: p.stem)
 def test_launch_files_start_robot_state_publisher_and_end_with_their_nodes(path, installed):
-    nodes = opened(path)
+    nodes = process_actions(path)
     assert 'robot_state_publisher' in [node.node_executable for node in nodes]
     for node in nodes:
         ends = bool(node._ExecuteLocal__on_exit)
@@ -88,11 +88,11 @@ def test_launch_files_start_robot_state_publisher_and_end_with_their_nodes(path,
 
 
 @pytest.mark.parametrize('path', ROBOT_FILES, ids=lambda p: p.stem)
-def test_without_robot_state_publisher_it_is_named_with_the_argument_that_helps(path, installed):
+def test_a_missing_robot_state_publisher_is_reported_unless_disabled(path, installed):
     installed.clear()
     with refused('not_installed', 'robot_state_publisher'):
-        opened(path)
-    nodes = opened(path, robot_state_publisher='false')
+        process_actions(path)
+    nodes = process_actions(path, robot_state_publisher='false')
     assert nodes and all(node.node_package == 'ballbot_ros' for node in nodes)
     described = [parameters['publish_description'] for node in nodes
                  for parameters in [parameters_of(node)] if 'publish_description' in parameters]
@@ -100,7 +100,7 @@ def test_without_robot_state_publisher_it_is_named_with_the_argument_that_helps(
 
 
 def parameters_of(node):
-    """Return the parameters of a node that are no files."""
+    """Return the parameters of a node without parameter files."""
     found = {}
     for mapping in node._Node__parameters:
         if isinstance(mapping, dict):
@@ -108,8 +108,8 @@ def parameters_of(node):
     return found
 
 
-def test_two_robots_are_apart_and_one_of_them_makes_the_time(installed):
-    nodes = opened(ROOT / 'launch' / 'two_robots.launch.py')
+def test_two_robots_have_two_simulators_and_six_nodes(installed):
+    nodes = process_actions(ROOT / 'launch' / 'two_robots.launch.py')
     simulators = [node for node in nodes if node.node_executable == 'simulator']
     assert len(simulators) == 2 and len(nodes) == 6
 
@@ -127,8 +127,8 @@ def test_the_robot_is_that_of_the_scene_or_of_the_hardware_file_unless_one_is_na
     assert Given(context).robot(real=False) == 'mine.yaml'
 
 
-def test_everything_that_there_is_can_be_recorded():
-    recorder, = opened(ROOT / 'launch' / 'record.launch.py', namespace='left')
+def test_all_topics_can_be_recorded():
+    recorder, = process_actions(ROOT / 'launch' / 'record.launch.py', namespace='left')
     words = [part[0].text for part in recorder.cmd]
     assert {'/tf', '/clock', '/left/odom', '/left/markers'} <= set(words)
 
@@ -136,9 +136,9 @@ def test_everything_that_there_is_can_be_recorded():
 @pytest.mark.parametrize('name, value, reason', [
     ('rviz', 'perhaps', 'wrong_type'), ('terrain_rate', 'often', 'wrong_type'),
     ('params_file', '/nowhere.yaml', 'missing')])
-def test_a_launch_argument_that_makes_no_sense_is_named(name, value, reason, installed):
+def test_an_invalid_launch_argument_is_named(name, value, reason, installed):
     with refused(reason, name):
-        opened(ROOT / 'launch' / 'sim.launch.py', **{name: value})
+        process_actions(ROOT / 'launch' / 'sim.launch.py', **{name: value})
 
 
 @pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda p: p.stem)

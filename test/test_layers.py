@@ -18,24 +18,24 @@ sys.path.insert(0, str(ROOT / 'scripts'))
 from structure import (  # noqa: E402, I100, I202
     cycles, edges, imports, LATE, modules, nodes_of, tree_of)
 
-# Each layer, bottom to top, and the layers that it may import. Its own modules it always may.
+# Each layer, bottom to top, and the layers that it may import besides itself.
 LAYERS = {
     'errors': (),
     'config': ('errors',),
     'physics': ('errors', 'config'),
     'crossing': ('errors', 'config', 'physics'),
     'control': ('errors', 'config', 'physics'),
-    # Lateral motion beside the planar physics.
+    # Lateral motion, in addition to the planar physics.
     'steering': ('errors', 'config', 'physics'),
-    # Maps of the ground, and profiles cut from them.
+    # Maps of the ground, and profiles extracted from them.
     'floors': ('errors', 'config', 'physics'),
     'estimation': ('errors', 'config', 'physics', 'control'),
     'plant': ('errors', 'config', 'physics', 'steering', 'floors'),
     'drives': ('errors', 'config'),
-    # Inertial sensors, on lines that drives opens.
+    # Inertial sensors, on lines that the layer drives opens.
     'imus': ('errors', 'config', 'drives'),
     'decision': ('errors', 'config', 'physics', 'crossing', 'control'),
-    # Motor controllers in software: what a drive says on its line, and a plant behind it.
+    # Motor controllers in software: the drive on its line, and the plant that it actuates.
     'emulator': ('errors', 'config', 'physics', 'steering', 'plant', 'drives', 'imus'),
     'navigation': ('errors', 'config', 'physics', 'crossing', 'control', 'steering', 'floors',
                    'decision'),
@@ -46,14 +46,14 @@ LAYERS = {
                'drives', 'imus'),
 }
 RUNTIME = tuple(LAYERS)
-# Offline: what runs of the model teach, its files and its pictures. No node imports them.
+# Offline: studies of the model, files and figures. No node imports them.
 LAYERS['results'] = RUNTIME
 LAYERS['studies'] = (*RUNTIME, 'results')
 LAYERS['figures'] = (*RUNTIME, 'studies', 'results')
 LAYERS['paper'] = (*RUNTIME, 'studies', 'results', 'figures')
 LAYERS['ros'] = RUNTIME
 LAYERS['nodes'] = (*RUNTIME, 'ros')
-# The live page. Only its live source uses ROS, and that through the layer ros.
+# The live page. Only its live source uses ROS, through the layer ros.
 LAYERS['bags'] = (*RUNTIME, 'results', 'studies', 'ros')
 LAYERS['view'] = (*RUNTIME, 'results', 'studies', 'figures', 'bags', 'ros')
 LAYERS['experiments'] = (*LAYERS, 'demo')
@@ -62,20 +62,19 @@ LAYERS['cli'] = LAYERS['demo'] = (*LAYERS, 'cli', 'demo')
 # The modules and folders directly below ballbot_ros whose name is not that of their layer.
 PLACES = {'compile_notice': 'config', 'jit': 'config', 'table': 'config'}
 
-# What the package itself offers; it imports them when they are used (test_python_api.py).
+# Layers whose names the package itself offers, imported on use (test_python_api.py).
 OFFERED = ('errors', 'physics', 'crossing', 'results')
 
 # Inside physics, bottom to top; its __init__ is the facade above them.
 FLOORS = ('model', 'mechanics', 'solvers', 'simulation')
 
-# Who may import ROS. A name ending in _msgs counts as ROS too.
+# The layers that may import ROS. A name ending in _msgs also counts as ROS.
 ROS = {'ament_index_python', 'ballbot_ros.msg', 'ballbot_ros.srv', 'builtin_interfaces',
        'diagnostic_updater', 'launch', 'launch_ros', 'rclpy', 'rcl_interfaces',
        'rosidl_runtime_py', 'simulation_interfaces', 'std_srvs', 'tf2_ros'}
 ROS_LAYERS = {'ros', 'nodes', 'demo', 'bags', 'experiments'}
 
-# Serial port and CAN bus have one owner each, so that the exception families of each are converted
-# in one place.
+# Serial port and CAN bus have one owner each, which converts their exceptions.
 OWNERS = {'serial': 'ballbot_ros.drives.transport', 'can': 'ballbot_ros.drives.can_transport'}
 
 
@@ -92,19 +91,19 @@ def is_ros(name):
 
 
 def floor_of(module):
-    """Return the number of a module's floor in physics, None on no floor or outside."""
+    """Return the number of a module's floor in physics, None if it has no floor."""
     parts = module.split('.')
     inside = parts[1:2] == ['physics'] and len(parts) > 2
     return FLOORS.index(parts[2]) if inside and parts[2] in FLOORS else None
 
 
 def without_floor(module):
-    """Return whether a module lies in physics, but on no floor of it."""
+    """Return whether a module of physics has no floor."""
     return module.startswith('ballbot_ros.physics.') and floor_of(module) is None
 
 
 def violations(module, text, is_package=False):
-    """List what a module imports but may not, in words."""
+    """List the forbidden imports of a module as text."""
     layer = layer_of(module)
     if layer is not None and layer not in LAYERS:
         return [f'{module}: give {layer!r} a place in LAYERS']
@@ -133,19 +132,19 @@ def violations(module, text, is_package=False):
 
 
 def upstairs(module, name):
-    """Return whether an import inside physics goes up: to a higher floor, or to the facade."""
+    """Return whether an import inside physics is upward: a higher floor or the facade."""
     below, above = floor_of(module), floor_of(name)
     if below is None or layer_of(name) != 'physics':
         return False
     return above is None or above > below
 
 
-def test_every_late_import_is_still_there():
+def test_every_listed_late_import_exists():
     for module, name in LATE:
         assert name in {found for _, found in imports(module, tree_of(modules()[module]))}
 
 
-def test_no_import_points_the_wrong_way():
+def test_all_imports_point_downward():
     found = [problem for module, path in modules().items()
              for problem in violations(module, tree_of(path), path.name == '__init__.py')]
     assert not found, '\n'.join(found)
@@ -159,7 +158,7 @@ def test_only_the_live_source_of_the_page_needs_ros():
     assert not found, found
 
 
-def test_each_module_of_physics_lies_on_a_floor():
+def test_each_module_of_physics_has_a_floor():
     loose = [module for module in modules() if without_floor(module)]
     assert not loose, f'not on one of {", ".join(FLOORS)}: {loose}'
 
@@ -171,11 +170,11 @@ def test_only_one_module_imports_internals_of_rclpy():
                 'ballbot_ros.ros.rclpy_compat'}
 
 
-def test_no_modules_import_each_other_in_a_cycle():
+def test_there_are_no_import_cycles():
     assert not (found := cycles(edges())), found
 
 
-def test_a_class_name_means_one_thing():
+def test_class_names_are_unique():
     owners = defaultdict(list)
     for module, path in modules().items():
         for node in ast.walk(tree_of(path)):
@@ -185,7 +184,7 @@ def test_a_class_name_means_one_thing():
     assert not shared, shared
 
 
-def test_a_cycle_is_found_without_the_modules_that_lead_to_it_or_from_it():
+def test_a_cycle_is_found_without_modules_before_or_after_it():
     graph = {'a': ['b'], 'b': ['c'], 'c': ['b', 'd'], 'd': []}
     assert cycles(graph) == ['b', 'c']
     assert cycles({**graph, 'c': ['d']}) == []
@@ -253,13 +252,13 @@ def test_the_document_names_each_layer_once():
 
 
 GENERATED = ('msg', 'srv', 'action')
-# Files whose strings plant imports that must fail.
+# Files with strings of imports that must fail.
 PLANTED = ('test_layers.py', 'test_lint.py', 'test_extending.py')
 
 
 @cache
 def defined_in(tree):
-    """Return the names that the statements of a module bind, those inside functions left out."""
+    """Return the names that the statements of a module bind outside functions."""
     names, pending = set(), list(tree.body)
     while pending:
         node = pending.pop()
@@ -287,7 +286,7 @@ def names_of_package():
 
 
 def missing(module, text, names, is_package=False):
-    """List (line, name) of each import of the package in a text that finds nothing."""
+    """List (line, name) of each import of a missing name of the package in a text."""
     return [(line, name) for line, name in imports(module, text, is_package)
             if name.split('.')[0] == 'ballbot_ros' and name.removesuffix('.*') not in names
             and not ('[' in name and fnmatch.filter(names, name))]
@@ -311,7 +310,7 @@ def programs_of(folder):
 
 
 def missing_beside(path, tree):
-    """List (line, name) of the imports from another program of the folder that find nothing."""
+    """List (line, name) of imports of missing names from other programs of the folder."""
     beside = programs_of(path.parent)
     return [(node.lineno, f'{node.module}.{alias.name}') for node in nodes_of(tree)
             if isinstance(node, ast.ImportFrom) and not node.level and node.module in beside
@@ -344,7 +343,7 @@ def test_each_import_of_the_package_finds_its_name():
     ('from ballbot_ros.msg import Surprise', 'ballbot_ros.msg.Surprise'),
     ("import_module('ballbot_ros.surprise')", 'ballbot_ros.surprise'),
     ("from_ros(f'ballbot_ros.nodes.{name}.surprise')", 'ballbot_ros.nodes.[!_]*.surprise')])
-def test_an_import_without_its_name_is_found(text, name):
+def test_an_import_of_a_missing_name_is_found(text, name):
     assert missing('ballbot_ros.physics.model.planted', text, names_of_package()) \
         == [(text.count('\n') + 1, name)]
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The layouts for RViz, Foxglove and PlotJuggler name topics, fields and frames that there are.
+The layouts for RViz, Foxglove and PlotJuggler use existing topics, fields and frames.
 
-None of the three programs runs here: that they open the files is not tested.
+None of the three programs runs here: loading of the files is not tested.
 """
 from importlib import import_module
 import json
@@ -32,7 +32,7 @@ def type_of(topic):
 
 
 def field_type(type_name, path):
-    """Return the type of a field of a message, of a field of that and so on."""
+    """Return the type of a nested field of a message."""
     for word in path:
         package, _, name = type_name.replace('/msg/', '/').rpartition('/')
         pytest.importorskip('rclpy')
@@ -51,12 +51,12 @@ def is_number(type_name):
 
 
 def displays():
-    """Return the displays of RViz by the names of their classes."""
+    """Return the displays of RViz by class name."""
     view = yaml.safe_load(RVIZ.read_text())['Visualization Manager']
     return view, {display['Class'].rpartition('/')[2]: display for display in view['Displays']}
 
 
-def test_rviz_shows_topics_of_their_types():
+def test_rviz_displays_match_the_types_of_their_topics():
     _, shown = displays()
     for name, kind in DISPLAYS.items():
         topic = shown[name].get('Topic') or shown[name]['Description Topic']
@@ -69,7 +69,7 @@ def test_rviz_receives_latched_messages():
     assert shown['MarkerArray']['Topic']['Durability Policy'] == 'Volatile'
 
 
-def test_rviz_names_frames_that_there_are():
+def test_rviz_uses_existing_frames():
     view, _ = displays()
     assert view['Global Options']['Fixed Frame'] == FRAMES.odom
     assert view['Views']['Current']['Target Frame'] in NAMES
@@ -98,7 +98,7 @@ def test_foxglove_plots_numbers_of_messages():
         assert is_number(field_type(type_of(topic), words)), path
 
 
-def test_foxglove_shows_topics_and_frames_that_there_are():
+def test_foxglove_uses_existing_topics_and_frames():
     shown, = [panel for name, panel in panels().items() if name.startswith('3D!')]
     assert all(map(type_of, shown['topics']))
     assert type_of(shown['layers']['robot']['topic']) == 'std_msgs/msg/String'
@@ -107,7 +107,7 @@ def test_foxglove_shows_topics_and_frames_that_there_are():
     assert {shown['followTf'], shown['layers']['grid']['frameId']} <= NAMES
 
 
-def test_foxglove_prints_words_and_health():
+def test_foxglove_shows_text_and_health():
     topic, *words = panels()['RawMessages!explanation']['topicPath'].split('.')
     assert field_type(type_of(topic), words) == 'string'
     assert type_of(panels()['DiagnosticSummary!health']['topicToRender']) \

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Style and types: the rules of ROS 2, checked with and without the linters of ROS 2."""
+"""Style and types according to ROS 2, checked with and without the linters of ROS 2."""
 import ast
 import configparser
 import importlib.util
@@ -16,7 +16,7 @@ SPDX = '# SPDX-License-Identifier: Apache-2.0'
 
 
 def project_files(*suffixes):
-    """List the files of the project, new ones too, but nothing that git ignores."""
+    """List the files of the project, including new ones, except those that git ignores."""
     try:
         listed = subprocess.run(
             ['git', 'ls-files', '--cached', '--others', '--exclude-standard'],
@@ -30,14 +30,14 @@ def project_files(*suffixes):
 
 
 def run_module(*arguments):
-    """Run a tool that is a Python module, and return what it says where it fails."""
+    """Run a tool that is a Python module; return its output if it fails."""
     done = subprocess.run([sys.executable, '-m', *map(str, arguments)], cwd=ROOT,
                           capture_output=True, text=True)
     return '' if done.returncode == 0 else done.stdout + done.stderr
 
 
 def misplaced_imports(*paths):
-    """Return what flake8-import-order says; flake8 itself would run all other checks first."""
+    """Return the errors of flake8-import-order; flake8 would run all other checks first."""
     from flake8_import_order.checker import ImportOrderChecker
     from flake8_import_order.styles import lookup_entry_point
     config = configparser.ConfigParser()
@@ -50,7 +50,7 @@ def misplaced_imports(*paths):
 
     def checker(path):
         tree = ast.parse(path.read_text(encoding='utf-8'))
-        # It reads no other statements, and would visit each number in them.
+        # The checker ignores other statements, but would visit each of their nodes.
         tree.body = [statement for statement in tree.body
                      if isinstance(statement, (ast.Import, ast.ImportFrom, ast.If))]
         return ImportOrderChecker(str(path), tree)
@@ -59,11 +59,11 @@ def misplaced_imports(*paths):
 
 
 def has(module):
-    """Say whether a module can be imported."""
+    """Return whether a module can be imported."""
     return importlib.util.find_spec(module) is not None
 
 
-def test_each_python_file_begins_with_its_licence():
+def test_each_python_file_starts_with_its_licence():
     missing = [str(path.relative_to(ROOT)) for path in project_files('.py')
                if path.read_text(encoding='utf-8').split('\n')[0] != SPDX
                and path.stat().st_size]
@@ -71,12 +71,12 @@ def test_each_python_file_begins_with_its_licence():
 
 
 @pytest.mark.skipif(not has('ruff'), reason='ruff is not installed')
-def test_ruff_finds_nothing():
+def test_ruff_finds_no_errors():
     assert not (report := run_module('ruff', 'check', '--output-format=concise', '.')), report
 
 
 @pytest.mark.skipif(not has('flake8_import_order'), reason='flake8-import-order is not installed')
-def test_imports_are_in_the_order_of_ros():
+def test_imports_are_in_the_order_of_ros_2():
     assert not (found := misplaced_imports(*project_files('.py'))), '\n'.join(found)
 
 
@@ -95,14 +95,14 @@ def test_imports_out_of_order_are_found_as_flake8_finds_them(tmp_path):
 
 
 @pytest.mark.skipif(not has('mypy'), reason='mypy is not installed')
-def test_types_hold():
-    # Those of the checkout, by its path: an installed copy must not be checked instead.
+def test_mypy_finds_no_errors():
+    # By path: an installed copy must not be checked instead of the checkout.
     paths = ROOT / 'ballbot_ros', *(ROOT / 'examples').glob('*.py')
     assert not (report := run_module('mypy', '--no-error-summary', *paths)), report
 
 
 @pytest.mark.skipif(not has('ament_flake8'), reason='ament_flake8 is not installed')
-def test_ament_flake8_finds_nothing():
+def test_ament_flake8_finds_no_errors():
     from ament_flake8.main import main_with_errors
     code, errors = main_with_errors(
         argv=['--config', str(ROOT / 'setup.cfg'), *map(str, project_files('.py'))])
@@ -110,18 +110,18 @@ def test_ament_flake8_finds_nothing():
 
 
 @pytest.mark.skipif(not has('ament_pep257'), reason='ament_pep257 is not installed')
-def test_ament_pep257_finds_nothing():
+def test_ament_pep257_finds_no_errors():
     from ament_pep257.main import main
     assert main(argv=[str(path) for path in project_files('.py')]) == 0
 
 
 @pytest.mark.skipif(not has('ament_xmllint'), reason='ament_xmllint is not installed')
-def test_ament_xmllint_finds_nothing(capfd):
+def test_ament_xmllint_finds_no_errors(capfd):
     from ament_xmllint.main import main
     code = main(argv=[str(ROOT / 'package.xml')])
     said = ''.join(capfd.readouterr())
     if 'failed to load' in said or 'Could not find' in said:
-        pytest.skip('the schema or xmllint itself is out of reach')
+        pytest.skip('the schema or xmllint is not available')
     assert code == 0, said
 
 
@@ -137,8 +137,8 @@ def test_shell_scripts_parse():
         assert done.returncode == 0, done.stderr
 
 
-def test_nothing_names_a_package_host_or_a_home_folder():
-    # The pins must install from any mirror, and a path of one machine is useless on another.
+def test_no_file_names_a_package_host_or_a_home_folder():
+    # The pins must install from any mirror, and no path may be specific to one machine.
     pattern = re.compile(r'files\.pythonhosted\.org|--(?:extra-)?index-url|/home/\w|/root/\w')
     here = Path(__file__).name
     found = [f'{path.relative_to(ROOT)}:{number}'
@@ -154,10 +154,10 @@ def test_no_discouraged_word_is_used():
     words = yaml.safe_load((ROOT / 'test' / 'vocabulary.yaml').read_text(encoding='utf-8'))
     found = []
     for path in project_files('.py', '.md', '.yaml', '.msg', '.srv', '.action'):
-        # Names are words, too.
+        # Identifiers are checked as words, too.
         text = path.read_text(encoding='utf-8').lower().replace('_', ' ')
         for word, instead in words.items() if path.name != 'vocabulary.yaml' else ():
-            # A look at the letter before in the expression itself would be five times as slow.
+            # A lookbehind in the expression would be five times slower.
             found += [f'{path.relative_to(ROOT)}:{text.count(chr(10), 0, match.start()) + 1}: '
                       f'{match[0]!r}; use {instead}'
                       for match in re.finditer(rf'(?:{word})(?![a-z])', text)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The notebook runs from its first cell to its last, and holds what that shows."""
+"""The notebook runs completely, and its saved output is that of the run."""
 import json
 from pathlib import Path
 import sys
@@ -23,7 +23,7 @@ def test_a_cell_shows_its_last_expression_and_keeps_its_names():
 @pytest.mark.slow
 @pytest.mark.parametrize('path', NOTEBOOKS, ids=lambda path: path.name)
 def test_a_notebook_runs_and_prints_its_saved_output(path, monkeypatch):
-    monkeypatch.setitem(sys.modules, 'ipywidgets', None)  # sliders are for people
+    monkeypatch.setitem(sys.modules, 'ipywidgets', None)  # sliders are for interactive use
     cells = json.loads(path.read_text(encoding='utf-8'))['cells']
     drawn = 0
     for cell, _, outputs in run_cells(cells):

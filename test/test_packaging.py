@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The package installs as a ROS 2 user expects it, built for real with colcon."""
+"""The package installs as a ROS 2 user expects, in an actual build with colcon."""
 import ast
 import importlib.util
 import os
@@ -40,12 +40,12 @@ CONSUMER = {
 
 NODES = {path.parent.name for path in ROOT.glob('ballbot_ros/nodes/*/node.py')}
 
-# In front of a command: runs it as a user does who has sourced the workspace he is in.
+# Command prefix: source the workspace in the current folder, as a user does.
 SOURCED = ('bash', '-c', '. install/local_setup.sh && exec "$@"', 'bash')
 
 
 def run(*command, **more):
-    """Run a command; fail with everything it said where it fails."""
+    """Run a command and return its output; fail with the output if it fails."""
     done = subprocess.run([str(word) for word in command], text=True, stdout=subprocess.PIPE,
                           stderr=subprocess.STDOUT, **more)
     assert done.returncode == 0, done.stdout[-6000:]
@@ -53,7 +53,7 @@ def run(*command, **more):
 
 
 def copy_project(target):
-    """Copy what a fresh clone would hold, together with what is not committed yet."""
+    """Copy the files of a fresh clone, including uncommitted changes."""
     shutil.copytree(ROOT, target, ignore=shutil.ignore_patterns(*BUILT, '*.egg-info', '.*_cache'))
     return target
 
@@ -64,7 +64,7 @@ def files_below(folder):
                   if path.is_file() and '__pycache__' not in path.parts)
 
 
-# --- What the declarations say --------------------------------------------------------------
+# --- Declarations ---------------------------------------------------------------------------
 
 def test_the_version_is_the_same_everywhere():
     text = (ROOT / 'ballbot_ros' / '__init__.py').read_text()
@@ -80,7 +80,7 @@ def test_catkin_pkg_accepts_the_manifest():
     assert 'rosidl_interface_packages' in [group.name for group in parsed.member_of_groups]
 
 
-def test_a_workspace_holds_one_package_and_none_of_those_for_a_setup_without_ros():
+def test_a_workspace_contains_one_package_and_none_of_interfaces():
     packages = pytest.importorskip('catkin_pkg.packages')
     assert len(list(ROOT.glob('interfaces/*/package.xml'))) == 2
     assert packages.find_package_paths(str(ROOT)) == ['.']  # as rosdep looks for them
@@ -101,12 +101,12 @@ def test_each_ros_package_that_is_imported_is_declared():
     assert ros <= declared, f'add to package.xml: {ros - declared}'
 
 
-def test_no_dependency_at_run_time_is_one_that_bloom_refuses():
+def test_bloom_accepts_all_run_time_dependencies():
     keys = [element.text for element in MANIFEST if element.tag != 'test_depend']
     assert not [key for key in keys if key.endswith('-pip')]
 
 
-def test_colcon_test_finds_that_pytest_is_wanted():
+def test_colcon_test_detects_pytest():
     pytest.importorskip('colcon_python_setup_py')
     from colcon_core.task.python.test import has_test_dependency
     from colcon_python_setup_py.package_identification.python_setup_py import (
@@ -124,11 +124,11 @@ def test_the_lists_of_python_dependencies_agree():
         assert re.search(rf'^{name}==', locked, re.M), f'{name} has no pin in run.txt'
 
 
-# --- What colcon makes of it ----------------------------------------------------------------
+# --- Build with colcon ----------------------------------------------------------------------
 
 @pytest.fixture(scope='module')
 def sources(tmp_path_factory):
-    """Return a workspace that holds the sources and nothing built."""
+    """Return a workspace with the sources only."""
     for module in ('colcon_core', 'rclpy', 'rosidl_generator_py'):
         if importlib.util.find_spec(module) is None:
             pytest.skip(f'{module} is needed to build the messages')
@@ -138,7 +138,7 @@ def sources(tmp_path_factory):
 
 
 def keep_the_messages_only(folder):
-    """Remove what was built in a workspace, but not the messages: they suit both modes."""
+    """Remove the build results of a workspace except the messages, which suit both modes."""
     messages = folder / 'build' / 'ballbot_ros' / 'build' / 'messages'
     if messages.exists():
         messages.rename(folder / 'messages')
@@ -150,11 +150,11 @@ def keep_the_messages_only(folder):
 
 @pytest.fixture(scope='module', params=['plain', 'symlink'])
 def workspace(request, sources):
-    """Build the package in a workspace of its own; return (mode, workspace, environment)."""
+    """Build the package in a separate workspace; return (mode, workspace, environment)."""
     # The second mode finds the messages built. From nothing, `make setup` has built them so.
     keep_the_messages_only(sources)
     environment = dict(os.environ, ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
-    # The wheels are a prefix that no setup file announces; a sourced ROS 2 is announced already.
+    # No setup file announces the prefix of the wheels; a sourced ROS 2 is already announced.
     for name, place in (('AMENT_PREFIX_PATH', sys.prefix), ('CMAKE_PREFIX_PATH', sys.prefix),
                         ('PATH', Path(sys.prefix, 'bin'))):
         environment[name] = os.pathsep.join(filter(None, [environment.get(name), str(place)][::(
@@ -171,7 +171,7 @@ def workspace(request, sources):
 
 
 def sourced(workspace, *command):
-    """Run a command as a user does who has sourced the workspace."""
+    """Run a command in the sourced workspace."""
     _, folder, environment = workspace
     return run(*SOURCED, *command, cwd=folder, env=environment)
 
@@ -197,8 +197,8 @@ def test_ballbot_is_a_plain_command_once_sourced(workspace):
 
 @pytest.mark.slow
 def test_each_node_starts_and_stops(workspace, tmp_path):
-    # All in parallel, each in its own domain. Interpreted, for the first compilation in a new
-    # workspace takes half a minute and is not what is tested here.
+    # All in parallel, each in its own domain. Interpreted, because the first compilation in a
+    # new workspace takes half a minute and is not tested here.
     _, folder, environment = workspace
     started = {}
 
@@ -211,12 +211,12 @@ def test_each_node_starts_and_stops(workspace, tmp_path):
                     [*SOURCED, prefix(workspace) / 'lib' / 'ballbot_ros' / name], cwd=folder,
                     stdout=log, stderr=subprocess.STDOUT,
                     env={**environment, 'ROS_DOMAIN_ID': str(60 + i), 'BALLBOT_UNCOMPILED': '1'})
-        end = time.monotonic() + 60.0  # two seconds on a machine with nothing else to do
+        end = time.monotonic() + 60.0  # two seconds on an idle machine
         for name, node in started.items():
             while 'running with' not in said(name):
                 assert node.poll() is None and time.monotonic() < end, said(name)
                 time.sleep(0.02)
-        time.sleep(1.0)  # what goes wrong in the first periods shows in the exit code
+        time.sleep(1.0)  # the exit code reports errors of the first periods
         for name, node in started.items():
             assert node.poll() is None, said(name)
             node.send_signal(signal.SIGINT)  # as Ctrl-C does
@@ -266,7 +266,7 @@ def test_only_a_symlink_install_runs_the_sources_themselves(workspace):
 
 
 @pytest.mark.slow
-def test_the_build_leaves_the_sources_alone(workspace):
+def test_the_build_does_not_change_the_sources(workspace):
     built = files_below(workspace[1] / 'src' / 'ballbot_ros')
     assert not [name for name in built if not (ROOT / name).exists()]
 
@@ -282,15 +282,15 @@ def test_a_cpp_package_finds_and_uses_the_messages(workspace, tmp_path):
 
 
 @pytest.mark.slow
-def test_without_ros_pip_installs_all_but_the_messages(tmp_path):
+def test_without_ros_pip_installs_everything_except_the_messages(tmp_path):
     for module in ('pip', 'setuptools', 'wheel'):
         if importlib.util.find_spec(module) is None:
             pytest.skip(f'{module} is not installed')
     source = copy_project(tmp_path / 'source')
     environment = {name: text for name, text in os.environ.items()
                    if name not in ('AMENT_PREFIX_PATH', 'CMAKE_PREFIX_PATH')}
-    # With or without ROS, pip puts no node on the path: it may lack rclpy, and a command named
-    # "bridge" could be anything.
+    # pip never installs nodes on the path: rclpy may be missing, and a command named "bridge"
+    # is ambiguous.
     target = tmp_path / 'prefix'
     run(sys.executable, '-m', 'pip', 'install', '--no-deps', '--no-build-isolation',
         '--no-index', '--ignore-installed', '--prefix', target, source, env=environment)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""README and documents say what the code does."""
+"""README and documents agree with the code."""
 import argparse
 from pathlib import Path
 import re
@@ -13,7 +13,7 @@ README = (ROOT / 'README.md').read_text(encoding='utf-8')
 DOCUMENTS = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').glob('*.md'))]
 
 
-def test_the_parameter_tables_are_those_of_the_code():
+def test_the_parameter_tables_match_the_code():
     pytest.importorskip('rclpy')
     check = subprocess.run(
         [sys.executable, str(ROOT / 'scripts' / 'tables.py'), '--check'], capture_output=True,
@@ -54,7 +54,7 @@ def test_every_command_that_is_printed_has_its_verb_and_options():
             load_verb(verb).add_arguments(parser)
             options = {option for action in parser._actions for option in action.option_strings}
             if verb == 'run' and '--ros-args' in rest:
-                del rest[rest.index('--ros-args'):]  # of ROS, not ours
+                del rest[rest.index('--ros-args'):]  # options of ROS
             unknown += [f'{verb} {word}' for word in rest
                         if word.startswith('--') and word not in options]
     assert printed > 15 and not unknown

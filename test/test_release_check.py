@@ -37,13 +37,13 @@ def test_a_missing_package_is_named(fields, changelog, named):
     assert named in found
 
 
-def test_the_package_has_placeholders_where_it_has_no_home_yet():
+def test_the_manifest_has_placeholders_until_the_package_has_a_home():
     found = problems((ROOT / 'package.xml').read_text(), (ROOT / 'CHANGELOG.rst').read_text())
     text = (ROOT / 'package.xml').read_text()
     assert ('.invalid' in text) == any('package.xml' in one for one in found)
 
 
-def test_the_fields_are_kept_in_the_manifest_only():
+def test_the_fields_are_stored_in_the_manifest_only():
     for name in ('setup.py', 'docs/conf.py'):
         text = (ROOT / name).read_text()
         assert 'ballbot_ros maintainers' not in text and '.invalid' not in text, name

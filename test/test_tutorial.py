@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The commands of the tutorial do what it says, as they stand there."""
+"""The commands of the tutorial work as printed and described."""
 import importlib.util
 from pathlib import Path
 import re
@@ -13,14 +13,14 @@ TUTORIAL = (ROOT / 'docs' / 'tutorial.md').read_text(encoding='utf-8')
 
 
 def blocks(text, language):
-    """Return the fenced blocks of a language, of none for commands."""
+    """Return the fenced blocks of a language; commands have none."""
     return [content for marked, content in re.findall(
         r'^```(\w*)\n(.*?)^```$', text, re.DOTALL | re.MULTILINE) if marked == language]
 
 
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory):
-    """Return a folder in which the steps of the tutorial follow one another."""
+    """Return a folder shared by the steps of the tutorial, with its YAML files."""
     place = tmp_path_factory.mktemp('tutorial')
     for content in blocks(TUTORIAL, 'yaml'):
         name = re.match(r'# (\S+\.yaml)\n', content).group(1)
@@ -29,7 +29,7 @@ def folder(tmp_path_factory):
 
 
 def alike(shown, printed):
-    """Return whether words are the same, and numbers but for the digits of another processor."""
+    """Return whether words are equal, and numbers within 1 % (another processor)."""
     def value(word):
         try:
             return pytest.approx(float(word), rel=0.01)
@@ -41,7 +41,7 @@ def alike(shown, printed):
 
 
 def follow(folder, step):
-    """Run the commands of a step in a shell; return what they print."""
+    """Run the commands of a step in a shell; return their output."""
     body = re.search(rf'^## {step}\. .*?\n(.*?)(?=^## |\Z)', TUTORIAL, re.DOTALL | re.M).group(1)
     commands = ''.join(blocks(body, ''))
     assert 'ballbot ' in commands
@@ -70,7 +70,7 @@ def test_the_fourth_step_crosses_the_door_step_and_stops_before_the_stair(folder
 
 
 @pytest.mark.slow
-def test_the_fifth_step_tries_six_cases(folder):
+def test_the_fifth_step_runs_six_cases(folder):
     pytest.importorskip('pyarrow')
     follow(folder, 5)
     from pyarrow.parquet import read_table
@@ -78,7 +78,7 @@ def test_the_fifth_step_tries_six_cases(folder):
 
 
 @pytest.mark.slow
-def test_the_sixth_step_finds_the_joint_friction_again(folder):
+def test_the_sixth_step_identifies_the_joint_friction(folder):
     printed = follow(folder, 6)
     found = float(re.search(r'joint_friction\s+[\d.]+\s+([\d.]+)', printed).group(1))
     assert found == pytest.approx(0.05, rel=0.02)

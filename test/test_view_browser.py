@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The live page in a real browser: it loads, moves, obeys, and contacts only its own server."""
+"""The live page in a real browser: it loads, moves, responds, and contacts only its server."""
 from pathlib import Path
 import sys
 from urllib.parse import urlsplit
@@ -15,7 +15,7 @@ from draw_page import (  # noqa: E402, I100, I202
 
 @pytest.fixture(scope='module')
 def chromium():
-    """Return a browser without a window."""
+    """Return a headless browser."""
     for name in ('playwright', 'viser'):
         pytest.importorskip(name, reason=f'{name} is not installed')
     try:
@@ -27,22 +27,22 @@ def chromium():
 
 @pytest.fixture(scope='module')
 def source():
-    """Return a scene that stands at its start."""
+    """Return a scene paused at its start."""
     return standing('fig7_middle')
 
 
 @pytest.fixture(scope='module')
-def complaints():
-    """Return a list for what should not happen in the browser."""
+def violations():
+    """Return a list of unexpected events in the browser."""
     return []
 
 
 @pytest.fixture(scope='module')
-def tab(chromium, source, complaints):
+def tab(chromium, source, violations):
     """Return a tab with the page of the scene."""
     with served(source) as page:
         here = urlsplit(page.url).netloc
-        # Few pixels: where there is no graphics card, each is drawn by the processor.
+        # Few pixels: without a graphics card, the processor draws each.
         tab = chromium.new_page(viewport={'width': WIDTH, 'height': HEIGHT},
                                 device_scale_factor=0.5)
 
@@ -51,27 +51,27 @@ def tab(chromium, source, complaints):
             if address.scheme in ('data', 'blob') or address.netloc == here:
                 route.continue_()
             else:
-                complaints.append(f'asks for {route.request.url}')
+                violations.append(f'asks for {route.request.url}')
                 route.abort()
 
         tab.route('**/*', check)
         tab.on('websocket', lambda socket: urlsplit(socket.url).netloc == here
-               or complaints.append(f'connects to {socket.url}'))
+               or violations.append(f'connects to {socket.url}'))
         tab.on('console', lambda message: message.type == 'error'
-               and complaints.append(message.text))
-        tab.on('pageerror', lambda error: complaints.append(str(error)))
+               and violations.append(message.text))
+        tab.on('pageerror', lambda error: violations.append(str(error)))
         look(tab, page.url)
         yield tab
         tab.close()
 
 
 def wait_for(tab, true):
-    """Wait until something is true here, while the browser goes on."""
+    """Wait until a condition is true, while the browser runs."""
     for _ in range(600):
         if true():
             return
         tab.wait_for_timeout(100)
-    raise AssertionError('it has not come to be')
+    raise AssertionError('the condition has not become true')
 
 
 def slide(tab, label, key):
@@ -81,7 +81,7 @@ def slide(tab, label, key):
 
 
 def press(tab, label):
-    """Click without waiting: a busy machine draws too slowly for a button to seem at rest."""
+    """Click without waiting until the button is at rest, which takes long on a busy machine."""
     tab.get_by_role('button', name=label).dispatch_event('click')
 
 
@@ -100,7 +100,7 @@ def test_a_slider_changes_the_run(tab, source):
              and source.terrain is not ground)
 
 
-def test_a_button_lets_the_ball_go_and_it_moves_in_the_picture(tab, source):
+def test_a_button_starts_the_ball_which_moves_in_the_picture(tab, source):
     canvas = tab.locator('canvas').first
     stands = canvas.screenshot()
     begin = source.shown.x
@@ -113,14 +113,14 @@ def test_a_button_lets_the_ball_go_and_it_moves_in_the_picture(tab, source):
     wait_for(tab, lambda: canvas.screenshot() != stands)
 
 
-def test_a_picture_can_be_taken_and_is_not_empty(tab, tmp_path):
+def test_a_saved_picture_is_not_empty(tab, tmp_path):
     tab.screenshot(path=tmp_path / 'page.png')
     image = pytest.importorskip('PIL.Image').open(tmp_path / 'page.png')
     assert image.size == (WIDTH // 2, HEIGHT // 2)
     assert len(image.convert('RGB').getcolors(1 << 20)) > 500
 
 
-def test_the_controls_take_the_whole_width_of_a_phone(chromium, source):
+def test_the_controls_fill_the_width_of_a_phone(chromium, source):
     with served(source) as page:
         tab = chromium.new_page(viewport={'width': 390, 'height': 844}, device_scale_factor=0.5)
         look(tab, page.url)
@@ -130,6 +130,6 @@ def test_the_controls_take_the_whole_width_of_a_phone(chromium, source):
     assert width == 390
 
 
-# The last one: it looks back on all of the above.
-def test_nothing_went_wrong_in_the_browser_and_no_other_server_was_asked(tab, complaints):
-    assert not complaints
+# The last test: it checks the events of all tests above.
+def test_the_browser_reported_no_errors_and_contacted_no_other_server(tab, violations):
+    assert not violations

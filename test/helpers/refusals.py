@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of refused input: by reason code and field, not by the words of the message."""
+"""Checks of refused input by reason code and field, not by the text of the message."""
 from contextlib import contextmanager
 
 import pytest

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The reading of a capture (ballbot_ros/drives/capture.py), and a line that plays it back."""
+"""Read a capture (ballbot_ros/drives/capture.py), and play it back in place of a line."""
 from collections import deque
 
 from ballbot_ros.drives.capture import HEADER, part_before, Record
@@ -8,14 +8,14 @@ from ballbot_ros.errors import ConfigurationError, LinkError
 
 def read_capture(path):
     """
-    Read a capture, with the part before it if there is one.
+    Read a capture, preceded by the earlier part if there is one.
 
-    An incomplete last line, after the end of its process, is ignored.
+    An incomplete last line, left by a process that ended, is ignored.
 
     Raises
     ------
     ConfigurationError
-        Naming file and line of invalid traffic.
+        If traffic is invalid; the message names file and line.
 
     """
     before = part_before(path)
@@ -50,7 +50,7 @@ def _read(path):
 
 class Replay:
     """
-    A capture in place of a `Link`: each read returns the next piece from the drive.
+    A capture in place of a `Link`; each read returns the next data from the drive.
 
     Attributes
     ----------
@@ -76,12 +76,12 @@ class Replay:
 
     def read(self):
         """
-        Return the next piece.
+        Return the next data from the drive.
 
         Raises
         ------
         LinkError
-            After the last one, as an unplugged line does.
+            After the last data, as for an unplugged line.
 
         """
         if self.finished:
@@ -89,7 +89,7 @@ class Replay:
         return self._pieces.popleft()
 
     def wait(self, seconds, least=1):
-        """Return whether there is more."""
+        """Return whether there are more data."""
         return not self.finished
 
     def close(self):

@@ -27,17 +27,17 @@ def time_to_zero(robot, fault, seconds=2.0, set_point=FORWARD):
 
 
 def loop(robot, seconds, set_point):
-    """Let the bridge run, and take set-points as long as it accepts them."""
+    """Run the bridge, and give set-points until the e-stop engages."""
     end = robot.now + seconds
     while robot.now < end - 1e-9:
         if not robot.session.supervisor.e_stop:
-            with suppress(MessageError):  # too far ahead of measurements that are old
+            with suppress(MessageError):  # stamped too far ahead of stale measurements
                 robot.session.give(set_point)
         robot.loop(0.02)
 
 
 def hold_up(robot, rng, longest):
-    """Let drive and line pause again and again, for a random time up to `longest` [s]."""
+    """Suspend drive and line repeatedly, for random times up to `longest` [s]."""
     sent, write, live, until = [], robot.write, robot.live, robot.now
 
     def live_late():
@@ -53,19 +53,19 @@ def hold_up(robot, rng, longest):
 
 
 def loop_late(robot, rng, longest, seconds, set_point):
-    """Let the loop of the bridge pause again and again, for a random time up to `longest` [s]."""
+    """Run the loop of the bridge with random pauses of up to `longest` [s]."""
     end = robot.now + seconds
     while robot.now < end:
         robot.pass_time(rng.uniform(0.0, longest))
         loop(robot, STEP * rng.randrange(1, 5), set_point)
 
 
-# Of each axis: its measurements in the device, and the function of the robot that falsifies them.
+# Per axis: the measurements in the device, and the function of the robot that corrupts them.
 ENCODERS = (('sensed', 'encoder'), ('second', 'lean_encoder'))
 
 
 def frozen(velocity, axis=0):
-    """Return a fault: the encoder repeats its last position; with the true velocity, or none."""
+    """Return a fault: the encoder repeats its last position, with the true or zero velocity."""
     def plant(robot):
         measured, encoder = ENCODERS[axis]
         position = getattr(robot.device, measured).position
@@ -75,7 +75,7 @@ def frozen(velocity, axis=0):
 
 
 def reversed_encoder(velocity, axis=0):
-    """Return a fault: the encoder counts backwards from where it is; with the true velocity."""
+    """Return a fault: the encoder counts backwards, with the true or reversed velocity."""
     def plant(robot):
         measured, encoder = ENCODERS[axis]
         position = getattr(robot.device, measured).position
@@ -99,30 +99,30 @@ def lost_status(robot):
 
 
 def repeated(robot):
-    """Let the IMU repeat its last reading."""
+    """Make the IMU repeat its last reading with new stamps."""
     last = []
     robot.reading = lambda true: last.append(true) or replace(last[0], stamp=true.stamp)
 
 
 def in_degrees(robot):
-    """Let the IMU report its turn rate in degrees per second."""
+    """Make the IMU report its turn rate in degrees per second."""
     robot.reading = lambda true: replace(true, turn_rate=math.degrees(true.turn_rate))
 
 
 def in_g(robot):
-    """Let the IMU report specific forces in multiples of gravity."""
+    """Make the IMU report specific forces in multiples of gravity."""
     robot.reading = lambda true: replace(
         true, forward=true.forward / 9.81, upward=true.upward / 9.81)
 
 
 def upside_down(robot):
-    """Mount the IMU turned by half a turn about its forward axis."""
+    """Rotate the IMU by half a turn about its forward axis."""
     robot.reading = lambda true: replace(
         true, turn_rate=-true.turn_rate, upward=-true.upward)
 
 
 def silent_imu(robot):
-    """Let no IMU reading arrive any more."""
+    """Stop the IMU readings."""
     robot.reading = lambda true: None
 
 
@@ -132,7 +132,7 @@ def unplugged(robot):
 
 
 def silent_drive(robot):
-    """Let no reply arrive any more."""
+    """Discard all further replies of the drive."""
     robot.from_drive = lambda data: b''
 
 

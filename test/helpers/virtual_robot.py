@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ball, drive and cable in memory around a real `Session`, on a clock that the test moves."""
+"""Ball, drive and cable in memory around a real `Session`, on a clock that the test advances."""
 from dataclasses import replace
 from functools import cache
 import json
@@ -26,10 +26,10 @@ from ballbot_ros.plant import Imu, Plant
 from ballbot_ros.steering import GroundTrack, LateralState, pull
 
 STEP = 0.002
-# A reply is there a step later [s].
+# A reply arrives one step later [s].
 LINE_TIME = 0.5 * STEP
 GIMBALL = load_robot('gimball')
-read_hardware, read_tuning = cache(load_hardware), cache(load_tuning)  # once in a test process
+read_hardware, read_tuning = cache(load_hardware), cache(load_tuning)  # once per test process
 
 
 def scene_of(terrain):
@@ -43,7 +43,7 @@ FLAT = scene_of([{'flat': {'length': 10.0}}])
 
 
 class HeldShell:
-    """A pendulum in a shell that is held: the textbook's, with viscous friction."""
+    """A pendulum in a fixed shell: the textbook pendulum with viscous friction."""
 
     def __init__(self):
         self.state = State()
@@ -70,18 +70,18 @@ class SecondPort(MemoryLine):
 
 
 class TwoPorts(BusOfTwo):
-    """Two drives, each with a port of its own: this device has that of the first."""
+    """Two drives, each with a separate port; this device has the port of the first."""
 
     def __init__(self, device, settings):
         super().__init__(device, settings)
         self.other = device(settings)
 
     def tick(self, now):
-        """Update the first."""
+        """Update the first drive."""
         self.first.tick(now)
 
     def receive(self, data, now):
-        """Give bytes to the first."""
+        """Pass bytes to the first drive."""
         return self.first.receive(data, now)
 
 
@@ -92,30 +92,30 @@ class VirtualRobot(MemoryLine):
     Parameters
     ----------
     protocol : str
-        And behind a space the firmware where there is more than one.
+        Name of the protocol; the firmware follows after a space if there is more than one.
     onboard : str
-        Tuning of the laws on board; empty for direct control.
+        Tuning of the onboard control laws; empty for direct control.
     steering : bool
         Whether a second motor leans the pendulum.
 
     Attributes
     ----------
     lateral : LateralState
-        By the lateral model, in whose speed the planar model takes part.
+        State of the lateral model, to which the planar model gives the speed.
     course : GroundTrack
-        Place on the ground, of a ball that rolls.
+        Position of the rolling ball on the ground.
     leans : list of float
-        Torque of the second motor, at each step.
+        Torque of the second motor at each step [N m].
     lean_encoder : callable
-        As `encoder`, of the second motor.
+        As `encoder`, for the second motor.
     temperature : float
-        Of the drive [degrees Celsius].
+        Temperature of the drive [degrees Celsius].
     bus_voltage : float
-        [V]
+        Supply voltage of the drive [V].
     encoder : callable
-        Gives what the drive measures for what is true (`Sensed`): a fault of the encoder.
+        Maps the true values (`Sensed`) to those that the drive measures: a fault of the encoder.
     reading : callable
-        Gives what the session receives for an `ImuReading`, None for nothing: a fault of the IMU.
+        Maps an `ImuReading` to the received one, or to None if none arrives: a fault of the IMU.
 
     """
 
@@ -143,7 +143,7 @@ class VirtualRobot(MemoryLine):
         super().__init__(TwoPorts(device_class(protocol), settings) if own_port
                          else new_device(protocol, settings, steering), LINE_TIME)
         self.second_port = SecondPort(self, self.device.other) if own_port else None
-        if (protocol, firmware) == ('odrive_can', '0.5'):  # a person has read it with odrivetool
+        if (protocol, firmware) == ('odrive_can', '0.5'):  # as read with odrivetool
             self.hardware = replace(self.hardware, drive={
                 'firmware': '0.5.6', 'confirmed': dict(self.device.properties)})
         elif (protocol, firmware) == ('odrive_can', '0.6'):
@@ -156,22 +156,22 @@ class VirtualRobot(MemoryLine):
         self.plant = HeldShell() if held else Plant(
             scene_of(terrain) if terrain else FLAT, 500.0)
         self._imu = Imu(9.81) if imu else None
-        self._noise = random.Random(1)  # no sensor that measures repeats a reading
+        self._noise = random.Random(1)  # a real sensor never repeats a reading
         self.temperature = self.device.sensed.temperature
-        self.stop_switch = 0.0  # 1 pulls that of the drive itself
+        self.stop_switch = 0.0  # 1 actuates the stop switch of the drive itself
         self.encoder_jump = 0.0  # of the motor shaft [rad]
         self.bus_voltage = self.device.sensed.bus_voltage
         self.encoder = self.reading = self.lean_encoder = lambda true: true
         self.lateral, self.leans, self.course = LateralState(), [], GroundTrack()
         self._shared = SharedLine(self._opened)
-        self.refused = None  # of the IMU readings, the last error
-        self.lines = 0  # opened and not closed
-        self.torques = []  # at the motor, at each step
-        self.history = {}  # of the plant, by the number of the step
+        self.refused = None  # the last error of an IMU reading
+        self.lines = 0  # number of open lines
+        self.torques = []  # at the motor shaft, at each step [N m]
+        self.history = {}  # states of the plant by step number
         self.start()
 
     def start(self):
-        """Begin a new session."""
+        """Start a new session."""
         law = SupervisedController(
             PendulumController(GIMBALL, read_tuning(self.onboard)),
             Supervision(20.0, 0.5, let_down_time=self.hardware.limits.damping_time)
@@ -189,7 +189,7 @@ class VirtualRobot(MemoryLine):
                 lateral.options(), self.clock))
 
     def _opened(self):
-        self.read()  # what a predecessor left
+        self.read()  # discard the data of the previous connection
         self.lines += 1
         return self
 
@@ -199,11 +199,11 @@ class VirtualRobot(MemoryLine):
                            self.hardware.options(), self.clock)
 
     def close(self):
-        """Count it."""
+        """Decrement the number of open lines."""
         self.lines -= 1
 
     def pass_time(self, seconds):
-        """Let ball and drive live on, without the bridge, for a step at least."""
+        """Advance ball and drive, without the bridge, by at least one step."""
         end = self.now + max(seconds, STEP) - 1e-9
         while self.now < end:
             self.now += STEP
@@ -235,7 +235,7 @@ class VirtualRobot(MemoryLine):
                         self.refused = error
 
     def _lean(self, before, after):
-        """Let the second motor and the lateral model live on for a step."""
+        """Advance the second motor and the lateral model by one step."""
         motor = self.device.second_torque() if self.device.booted_at <= self.now else 0.0
         joint, robot = self.hardware.steering, self.session.robot
         speeds = [-robot.ball_radius * state.ball_rate for state in (before, after)]
@@ -250,7 +250,7 @@ class VirtualRobot(MemoryLine):
         self.leans.append(motor)
 
     def run(self, seconds, torque=None):
-        """Let the bridge tick, and command a torque if there is one; return the last report."""
+        """Tick the bridge and command a torque, if given, each period; return the last report."""
         report = None
         for _ in range(round(seconds / STEP)):
             self.pass_time(STEP)
@@ -264,7 +264,7 @@ class VirtualRobot(MemoryLine):
         return self.session.report(self.session.tick())
 
     def loop(self, seconds, set_point=None):
-        """Let the bridge tick and wait for answers as its loop does; set-points come at 50 Hz."""
+        """Run the bridge loop, with a set-point (if given) at 50 Hz; return the last report."""
         report = None
         for number in range(round(seconds / STEP)):
             if set_point is not None and number % 10 == 0:
@@ -272,7 +272,7 @@ class VirtualRobot(MemoryLine):
             start = self.now
             late = self.session.tick()
             report = self.session.report(self.session.await_answer(STEP) or late) or report
-            if self.now == start:  # nothing was waited for
+            if self.now == start:  # the session did not wait
                 self.pass_time(STEP)
         return report
 

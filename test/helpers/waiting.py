@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A wait for a condition."""
+"""Wait for a condition."""
 import time
 
-# Nothing takes this long on an idle machine; on a busy one no test fails for lack of time [s].
+# Far more than an idle machine needs, so that no test fails on a busy one [s].
 TIMEOUT = 180.0
 
 
 def wait_until(condition, act=lambda: None):
-    """Return the result of a condition once it is true; `act` is called after each failure."""
+    """Return the result of a condition once it is true; call `act` after each failure."""
     deadline = time.monotonic() + TIMEOUT
     while not (found := condition()):
         assert time.monotonic() < deadline

@@ -20,20 +20,20 @@ from ballbot_ros.physics import load_scene
 from ballbot_ros.ros import discovery
 from ballbot_ros.ros.run import LATE_KERNEL
 
-# Ports of the first lie beside those that Linux gives to programs, and the demo takes none of
-# them.  The others are for a machine on which many tests run in parallel.
+# The ports of the preferred ones are outside the ephemeral range of Linux, and the demo uses none
+# of them.  The others are for a machine on which many tests run in parallel.
 DOMAINS = (*range(215, 232), *range(1, 102))
 PREFERRED = 17
 _turn = count(os.getpid())
 
 
 def domains_of_processes():
-    """Return the ROS domains that processes on this machine were started with."""
+    """Return the ROS domains in the environments of the processes on this machine."""
     found = set()
     for path in Path('/proc').glob('[0-9]*/environ'):
         try:
             words = path.read_bytes().split(b'\0')
-        except OSError:  # it has just ended, or belongs to another user
+        except OSError:  # the process has ended, or belongs to another user
             continue
         found |= {int(word[14:]) for word in words
                   if word.startswith(b'ROS_DOMAIN_ID=') and word[14:].isdigit()}
@@ -45,10 +45,10 @@ def own_domain():
     """
     Reserve a ROS domain that no other test uses, in this process or another.
 
-    A locked file says so: the lock ends with the process that holds it.  Nodes
-    of a test that was killed outlive it, and would publish in the next one on their domain.
+    A locked file marks it: the lock ends with the process that holds it.  The nodes of a killed
+    test outlive it, and would publish in the next test on their domain: skip their domains.
     """
-    shift = next(_turn) % PREFERRED  # not the one that was left just now
+    shift = next(_turn) % PREFERRED  # not the domain of the previous test
     taken = domains_of_processes()
     for number in (*DOMAINS[shift:PREFERRED], *DOMAINS[:shift], *DOMAINS[PREFERRED:]):
         if number in taken:
@@ -67,7 +67,7 @@ def own_domain():
 
 @pytest.fixture(scope='session', autouse=True)
 def compiled_once():
-    """Compile what the nodes call before the first of them is waited for."""
+    """Compile the kernels of the nodes before a test waits for the first node."""
     with open(Path(tempfile.gettempdir()) / 'ballbot_ros_test_compile.lock', 'w') as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         prepare(NODES)
@@ -75,7 +75,7 @@ def compiled_once():
 
 @pytest.fixture(autouse=True)
 def no_late_compilation(tmp_path):
-    """See that no node has compiled a kernel, or read one from the disk, once it was ready."""
+    """Verify that no node compiled a kernel, or read one from the disk, after it was ready."""
     yield
     late = {path.stem: line for path in tmp_path.rglob('*.log')
             for line in path.read_text(errors='replace').splitlines() if LATE_KERNEL in line}
@@ -112,7 +112,7 @@ def make_graph(tmp_path):
 
 @pytest.fixture
 def graph(make_graph):
-    """Return a graph, and end all of it after the test."""
+    """Return a graph that ends after the test."""
     return make_graph()
 
 
@@ -122,7 +122,7 @@ def emulate(tmp_path):
     scene = load_scene('flat')
     with ExitStack() as stack:
         def start(protocol, steering=False, **settings):
-            # With a link: a bridge that has lost /dev/pts/3 would open that of its next owner.
+            # With a link: a bridge that lost /dev/pts/3 would open the next device of that name.
             return stack.enter_context(Emulator(
                 protocol, scene, load_hardware(f'gimball_{protocol}').connection.baud,
                 settings_for(scene.model.robot, watchdog=WATCHDOG, **settings),
@@ -138,13 +138,13 @@ def motor(emulate):
 
 @pytest.fixture
 def hardware(tmp_path):
-    """Return a function that writes a hardware file; the level floors here need no IMU."""
+    """Return a function that writes a hardware file; level floors need no IMU."""
     return partial(write_hardware, tmp_path / 'hardware.yaml', imu_required=False)
 
 
 @pytest.fixture
 def driving(graph, motor, hardware):
-    """Return a driving bridge in a process of its own."""
+    """Return a function that starts a driving bridge in a separate process."""
     def start(**more):
         graph.start('bridge', hardware=hardware(), port=motor.path, control='direct', **more)
         result = Driving(graph, motor)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A graph with a bridge that is made to pull, and the emulated motor that it pulls with."""
+"""A graph with a bridge, and the emulated motor that it drives under torque."""
 import time
 from types import MappingProxyType
 
@@ -15,15 +15,15 @@ from ballbot_ros.msg import MotorStatus
 from ballbot_ros.ros.message_bytes import command_bytes
 
 TORQUE = 0.6  # at the pendulum [N m]
-WATCHDOG = 0.5  # of the drive: a busy machine may hold the bridge up for as long [s]
+WATCHDOG = 0.5  # of the drive: a busy machine may delay the bridge that long [s]
 
-# Reasons of an e-stop that a machine busy for longer than WATCHDOG explains.
+# Reasons of an e-stop that a delay of the machine longer than WATCHDOG explains.
 HELD_UP = (StopReason.SILENT, StopReason.UNCONFIRMED, StopReason.DISARMED_BY_DRIVE,
            StopReason.LOST, StopReason.HELD_UP)
 
 
 def write_hardware(path, name='gimball_odrive', limits=MappingProxyType({}), **connection):
-    """Write a hardware file of the package with other limits and another connection."""
+    """Write a hardware file of the package with changed limits and connection; return its path."""
     content = yaml.safe_load((config_folder() / 'hardware' / f'{name}.yaml').read_text())
     content['connection'].update(watchdog=WATCHDOG, **connection)
     content['limits'].update(limits)
@@ -32,7 +32,7 @@ def write_hardware(path, name='gimball_odrive', limits=MappingProxyType({}), **c
 
 
 class Driving:
-    """A graph with a bridge that is made to pull."""
+    """A graph with a bridge that drives its motor under torque."""
 
     def __init__(self, graph, motor):
         self.graph, self.motor = graph, motor
@@ -62,23 +62,23 @@ class Driving:
         return bool(self.status) and self.status[-1].state in ('waiting', 'following')
 
     def not_armed(self):
-        """Return why arming failed, which a machine that is held up while it waits explains."""
+        """Return why arming failed, if a delay of the machine explains it."""
         return self.stopped_by(StopReason.NOT_ARMED)
 
     def pull(self):
-        """Command a torque until the motor makes it, and forget earlier reports."""
+        """Discard earlier reports, and command a torque until the motor applies one."""
         for _ in range(5):
             self.status.clear()
             found = self.graph.publish_until(
                 lambda: 'torque' if self.motor.torque != 0.0 else self.held_up(),
-                'the motor pulls', 'joint_commands', self.command)
+                'the motor applies a torque', 'joint_commands', self.command)
             if found == 'torque':
                 return
             self.release()
         pytest.fail(f'the drive disarms each time: {found}')
 
     def held_up(self):
-        """Return the reason of an e-stop that a machine busy for longer than WATCHDOG explains."""
+        """Return the text of an e-stop that a delay longer than WATCHDOG explains."""
         return self.stopped_by(*HELD_UP)
 
     def stopped_by(self, *reasons):
@@ -87,11 +87,11 @@ class Driving:
         return status.e_stop if status.e_stop_reason in reasons else ''
 
     def wait_until_reported(self, state):
-        """Wait until the bridge has reported a state since the motor pulled."""
-        self.graph.wait(lambda: state in [status.state for status in self.status], 'it says so')
+        """Wait until the bridge has reported a state since the motor had torque."""
+        self.graph.wait(lambda: state in [status.state for status in self.status], 'the report')
 
     def wait_for_nothing(self):
-        """Wait until the motor makes no torque, and see that it stays so."""
-        self.graph.wait(lambda: self.motor.torque == 0.0, 'the motor is at zero')
+        """Wait until the motor torque is zero, and verify that it stays zero."""
+        self.graph.wait(lambda: self.motor.torque == 0.0, 'the motor torque is zero')
         self.graph.spin(0.3)
         assert self.motor.torque == 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A ROS graph of a test's own: nodes as processes, and a node that communicates with them."""
+"""A private ROS graph: nodes as processes, and a test node that communicates with them."""
 import signal
 import subprocess
 import sys
@@ -21,7 +21,7 @@ from ballbot_ros.demo.processes import NodeProcesses, parameter_arguments
 from ballbot_ros.ros.conversions import to_seconds, to_time
 from ballbot_ros.srv import Step
 
-# Reliable, and so deep that nothing is lost while the test is held up.
+# Reliable, and deep enough that no message is lost while the test is delayed.
 EVERYTHING = QoSProfile(depth=5000)
 
 # The services of the simulator.
@@ -30,12 +30,12 @@ SIMULATOR = {'pause': Trigger, 'resume': Trigger, 'reset': Trigger, 'step': Step
 
 class Graph:
     """
-    What tests do with it; all waiting is for something, never for a while.
+    A graph of nodes on one ROS domain; all waits are for a condition.
 
     Parameters
     ----------
     folder : Path
-        For the logs of the nodes.
+        Folder for the logs of the nodes.
     domain : int
         ROS domain that no other test uses.
 
@@ -58,7 +58,7 @@ class Graph:
         self.subscribe('/diagnostics', DiagnosticArray, callback=self._note)
 
     def close(self):
-        """End every process, and leave; a second time does no harm."""
+        """End every process and leave the domain; may be called repeatedly."""
         self.end_load()
         self.processes.stop()
         if not self.context.ok():
@@ -74,7 +74,7 @@ class Graph:
         self.processes.start(name, parameters, arguments)
 
     def start_together(self, **nodes):
-        """Start nodes in one process, each with its parameters; its log is called `together`."""
+        """Start nodes with their parameters in one process, whose log is called `together`."""
         parameters = {f'{name}:{parameter}': value for name, values in nodes.items()
                       for parameter, value in values.items()}
         self.processes.run('ballbot_ros.cli', ['run', *nodes, *parameter_arguments(parameters)],
@@ -85,7 +85,7 @@ class Graph:
         return self.processes.log(name).read_text()
 
     def kill(self, name):
-        """End a node without a chance to do anything about it."""
+        """Kill a node."""
         self.processes.signal(name, signal.SIGKILL)
         assert self.processes.wait(name, TIMEOUT) == -signal.SIGKILL
 
@@ -95,12 +95,12 @@ class Graph:
         return self.processes.wait(name, TIMEOUT)
 
     def add_load(self, processes=3):
-        """Let other processes take the processor until the end of the test."""
+        """Load the processor with other processes until `end_load` or the end of the test."""
         self._load += [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
                        for _ in range(processes)]
 
     def end_load(self):
-        """End what `add_load` started."""
+        """End the processes of `add_load`."""
         while self._load:
             process = self._load.pop()
             process.kill()
@@ -109,13 +109,13 @@ class Graph:
     # Topics
 
     def subscribe(self, topic, kind, profile=EVERYTHING, callback=None):
-        """Return the list in which the messages of a topic arrive."""
+        """Subscribe to a topic; return the list that receives its messages."""
         received = []
         self.node.create_subscription(kind, topic, callback or received.append, profile)
         return received
 
     def publisher(self, topic, kind=JointState, profile=EVERYTHING):
-        """Return a publisher that has a subscriber."""
+        """Return a publisher once it has a subscriber."""
         if topic not in self._publishers:
             self._publishers[topic] = self.node.create_publisher(kind, topic, profile)
         publisher = self._publishers[topic]
@@ -123,7 +123,7 @@ class Graph:
         return publisher
 
     def publish_until(self, condition, what, topic, *messages):
-        """Publish messages, or what functions return, in turn; return as `wait` does."""
+        """Publish messages, or results of functions, in turn; return as `wait` does."""
         kind = JointState if callable(messages[0]) else type(messages[0])
         publisher = self.publisher(topic, kind)
         deadline, turn = time.monotonic() + TIMEOUT, 0
@@ -145,18 +145,18 @@ class Graph:
     # Waiting
 
     def spin(self, seconds):
-        """Take in what comes for a while."""
+        """Execute callbacks for a time [s]."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             self._spin_once()
 
     def _spin_once(self):
-        # With another timeout rclpy starts again at its first subscription: on a busy machine the
-        # messages of a later one would never be taken.
+        # With a changed timeout rclpy restarts at its first subscription: on a busy machine the
+        # messages of later ones would never be taken.
         self.executor.spin_once(timeout_sec=0.02)
 
     def wait(self, condition, what, timeout=TIMEOUT):
-        """Return what a condition returns as soon as that is true."""
+        """Return the result of a condition as soon as it is true."""
         deadline = time.monotonic() + timeout
         while not (found := condition()):
             assert time.monotonic() < deadline, self._timed_out(what, timeout)
@@ -164,12 +164,12 @@ class Graph:
         return found
 
     def wait_for_time(self, states, seconds):
-        """Wait until the stamps of messages have come so far, on a busy machine, too."""
+        """Wait until the stamps of messages have reached a time [s], even on a busy machine."""
         self.wait(lambda: states and to_seconds(states[-1].header.stamp) >= seconds,
-                  f'simulated time has come to {seconds:g} s', TIMEOUT + 3.0 * seconds)
+                  f'simulated time has reached {seconds:g} s', TIMEOUT + 3.0 * seconds)
 
     def wait_until_quiet(self, *received):
-        """Wait until no more messages arrive in lists."""
+        """Wait until the lists receive no more messages."""
         before = None
         while before != (before := [len(messages) for messages in received]):
             self.spin(1.0)
@@ -195,7 +195,7 @@ class Graph:
         """
         Return the client of a service.
 
-        Made before its server is there, it is known to it when the first answer is due.
+        If created before its server, it is discovered before the first response.
         """
         if service not in self._clients:
             self._clients[service] = self.node.create_client(kind, service)
@@ -205,21 +205,21 @@ class Graph:
         """
         Call any service and return its response.
 
-        Where it may be asked again it is: a server that has only just found this client loses
-        its first answer to it on a busy machine.
+        The request is repeated if `again`: on a busy machine, a server that has just discovered
+        this client may lose its first response.
         """
         client = self.client(service, kind)
         start, futures = time.monotonic(), []
         while not any(future.done() for future in futures):
             if not futures or again and time.monotonic() > start + 3.0 * len(futures):
-                self.wait(client.service_is_ready, f'{service} is there')
+                self.wait(client.service_is_ready, f'{service} is ready')
                 futures.append(client.call_async(kind.Request(**fields)))
             assert time.monotonic() < start + TIMEOUT, self._timed_out(f'{service} answers')
             self._spin_once()
         return next(future.result() for future in futures if future.done())
 
     def change_state(self, name, transition):
-        """Ask a lifecycle node for a transition; return whether the node made it."""
+        """Request a transition of a lifecycle node; return whether it succeeded."""
         return self.call(f'{name}/change_state', ChangeState, again=False,
                          transition=Transition(id=transition)).success
 
@@ -240,7 +240,7 @@ class Graph:
         return response.message
 
     def wait_until_connected(self, *topics):
-        """Reset a paused simulation until messages of all these topics have come."""
+        """Reset a paused simulation until each of the lists has received a message."""
         deadline = time.monotonic() + TIMEOUT
         while not all(topics):
             assert time.monotonic() < deadline, self._timed_out('all nodes are connected')
@@ -248,7 +248,7 @@ class Graph:
             self.spin(0.1)
 
     def step(self, periods):
-        """Let a paused simulator run some periods; return the simulated time after [s]."""
+        """Step a paused simulator by some periods; return the simulated time afterwards [s]."""
         response = self.request('step', again=False, periods=periods)
         assert response.success, response.message
         return to_seconds(response.time)
@@ -260,17 +260,17 @@ class Graph:
             self.statuses[status.name.split(':')[0]] = status
 
     def values(self, name):
-        """Return the newest numbers of a node on /diagnostics, none before they came."""
+        """Return the newest values of a node on /diagnostics, an empty dict before the first."""
         status = self.statuses.get(name)
         return {pair.key: pair.value for pair in status.values} if status else {}
 
     def refusals(self, name):
-        """Return how many messages a node has refused, by reason."""
+        """Return the number of messages that a node has refused, by reason."""
         return {key[len('refused_'):]: int(value) for key, value in self.values(name).items()
                 if key.startswith('refused_')}
 
     def wait_for_health(self, name, level, message=''):
-        """Wait until a node says that its health is so."""
+        """Wait until a node reports this level of health with this message."""
         self.wait(lambda: name in self.statuses and self.statuses[name].level == level
                   and message in self.statuses[name].message,
                   f'{name} publishes {level!r} {message!r} on /diagnostics')

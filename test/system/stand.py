@@ -1,44 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A ball on a stand: a hand turns its shell, and the pendulum in it, behind an emulated drive."""
+"""A ball on a stand, behind an emulated drive: a hand turns its shell and its pendulum."""
 import math
 import time
 
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.plant import Imu
 
-BY_HAND = 0.6  # how fast a careful hand turns something [rad/s]
-FRICTION = 0.25  # of a bearing that has not run in: the pendulum swings out soon [N m s/rad]
+BY_HAND = 0.6  # rate at which a careful hand turns shell or pendulum [rad/s]
+FRICTION = 0.25  # of a new bearing: swinging decays quickly [N m s/rad]
 
 
 class StoodBall:
     """
-    In place of `emulator.ball.Ball`.
+    A substitute for `emulator.ball.Ball`.
 
     Attributes
     ----------
     pendulum, shell : float or None
-        Absolute angle that a hand turns it to and holds it at; None lets the pendulum go [rad].
+        Absolute angle to which a hand turns it and holds it; None frees the pendulum [rad].
     extra : float
-        Torque that is there over torque that the hardware file expects.
+        Ratio of the actual torque to the one that the hardware file predicts.
 
     """
 
     def __init__(self, ball, robot, period, extra):
-        """Stand still, pendulum down."""
+        """Start at rest with the pendulum down."""
         self.motor, self.state = ball.motor, State()
         self.pendulum, self.shell = None, 0.0
         self.plant = self
         self.torque, self._at = 0.0, 0.0
         self._robot, self._period, self._extra = robot, period, extra
         self._count = math.tau / 4096
-        # A little noise: no sensor that measures repeats a reading.
+        # A little noise: a real sensor never repeats a reading.
         self._imu = Imu(robot.gravity, gyro_sd=1e-4, force_sd=1e-3, seed=1)
         self._samples = 0
-        self._read = self.state._replace(time=time.time())  # as the IMU read it last
+        self._read = self.state._replace(time=time.time())  # state at the last IMU reading
 
     @property
     def done(self):
-        """Return whether all is where the hand turns it to."""
+        """Return whether shell and pendulum have reached their angles."""
         state = self.state
         return abs(state.ball_angle - self.shell) < 1e-9 and (
             self.pendulum is None or abs(state.pendulum_angle - self.pendulum) < 1e-9)
@@ -46,8 +46,8 @@ class StoodBall:
     def advance(self, shaft_torque, _steering_torque):
         """Advance by a period; the stand blocks the second motor."""
         motor, before, period = self.motor, self.state, self._period
-        # A hand does not catch up with what a busy machine has missed: to the bridge, whose
-        # questions were answered late, that would look like a jump of the encoder.
+        # After a delay of the machine the hand does not catch up: the bridge, which receives late
+        # replies, would detect a jump of the encoder.
         now = time.monotonic()
         by_hand, self._at = BY_HAND * period if now - self._at > 0.3 * period else 0.0, now
         self.torque = shaft_torque * motor.gear_ratio * motor.gear_efficiency * self._extra
@@ -69,7 +69,7 @@ class StoodBall:
         return self.state
 
     def sensed(self, before, jump=0.0):
-        """Return what the drive measures."""
+        """Return the measurements of the drive."""
         ratio = self.motor.gear_ratio
         angle = ratio * self.state.joint_angle + jump
         return before._replace(position=math.floor(angle / self._count) * self._count,
@@ -77,10 +77,10 @@ class StoodBall:
 
     def imu(self):
         """
-        Return what an IMU in the shell reads, at the time of the system clock.
+        Return a sample of an IMU in the shell, at the time of the system clock.
 
-        As those do, the mean since it was read last: where a busy machine reads it rarely, the
-        rate of the moment would say nothing of what the shell turned between.
+        The turn rate is the mean since the last sample, as in real sensors: if a busy machine
+        samples rarely, instantaneous rates would not integrate to the rotation of the shell.
         """
         before, now, state = self._read, time.time(), self.state
         mean = (state.ball_angle - before.ball_angle) / (now - before.time)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node with drives other than the ODrive: a RoboClaw with two motors, and a VESC."""
+"""The bridge with drives other than the ODrive: a RoboClaw with two motors, and a VESC."""
 import math
 import time
 
@@ -40,7 +40,7 @@ def test_a_yaw_rate_on_cmd_vel_leans_the_pendulum_and_turns_the_ball(
             break
         graph.statuses.clear()
         values = graph.wait(lambda: graph.values('bridge'), 'the bridge reports its health')
-        # Measurements of a drive and a loop that were held up contradict each other.
+        # Delays make the measurements of drive and loop inconsistent.
         assert run.held_up() or int(values['late_periods']) > 0, found
         if time.monotonic() > deadline:
             pytest.skip(f'the load of this machine is too high: {found}')
@@ -49,7 +49,7 @@ def test_a_yaw_rate_on_cmd_vel_leans_the_pendulum_and_turns_the_ball(
                'the serial timeout of the drive ends both torques')
 
 
-def test_a_vesc_is_released_each_time_and_its_kill_switch_is_reported(graph, emulate, hardware):
+def test_a_vesc_is_released_repeatedly_and_its_kill_switch_is_reported(graph, emulate, hardware):
     vesc = emulate('vesc', quirks=('kill_switch',))
     graph.start('bridge', hardware=hardware('gimball_vesc'), port=vesc.path, control='direct')
     run = Driving(graph, vesc)
@@ -59,7 +59,7 @@ def test_a_vesc_is_released_each_time_and_its_kill_switch_is_reported(graph, emu
         assert not run.status[-1].e_stop
         run.pull()
         execute(vesc, 'stop_switch')
-        graph.wait(lambda: 'KILL_SW_ACTIVE' in run.status[-1].faults, 'it reports the switch')
+        graph.wait(lambda: 'KILL_SW_ACTIVE' in run.status[-1].faults, 'its report')
         run.wait_for_nothing()
         assert list(run.status[-1].faults) == ['KILL_SW_ACTIVE']
         execute(vesc, 'stop_switch 0')

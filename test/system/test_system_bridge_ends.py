@@ -27,7 +27,7 @@ def test_a_signal_ends_the_bridge_with_a_stop(driving, motor, number):
     assert last.state == MotorStatus.STATE_ENDED and last.torque == 0.0
 
 
-def test_a_kill_is_outlived_by_no_torque_and_another_bridge_drives_again(driving, motor):
+def test_torque_ends_after_a_kill_and_another_bridge_drives_again(driving, motor):
     run = driving()
     run.graph.kill('bridge')
     # The drive's watchdog disarms; on a busy machine a command timeout may zero the torque first.
@@ -36,28 +36,28 @@ def test_a_kill_is_outlived_by_no_torque_and_another_bridge_drives_again(driving
     driving()
 
 
-def test_a_process_that_is_frozen_and_a_full_disk_do_no_harm(driving, motor):
+def test_a_frozen_process_and_a_full_disk_do_no_harm(driving, motor):
     run = driving(capture='/dev/full')  # the motor pulls although nothing can be written
     run.graph.processes.signal('bridge', signal.SIGSTOP)
     try:
         run.wait_for_nothing()
     finally:
         run.graph.processes.signal('bridge', signal.SIGCONT)
-    run.graph.wait(run.held_up, 'the bridge notices')
+    run.graph.wait(run.held_up, 'the bridge reports the delay')
 
 
-def test_commands_that_stop_stop_the_motor_and_are_followed_again(driving, motor):
+def test_the_motor_stops_with_its_commands_and_follows_new_ones(driving, motor):
     run = driving()
     run.wait_for_nothing()
     run.wait_until_reported(MotorStatus.STATE_TIMED_OUT)
     run.pull()
 
 
-def test_unplugging_ends_in_a_stop_and_service_comes_back(driving, motor):
+def test_unplugging_stops_the_motor_and_the_services_recover(driving, motor):
     run = driving()
     # The torque rises by `torque_rate_limit`.
     run.graph.publish_until(lambda: abs(motor.pendulum_torque) > 0.99 * TORQUE,
-                            'the motor makes the whole torque', 'joint_commands', run.command)
+                            'the motor applies the full torque', 'joint_commands', run.command)
     execute(motor, 'unplug')
     run.wait_for_nothing()
     run.wait_until_reported(MotorStatus.STATE_LOST)
@@ -70,7 +70,7 @@ def test_unplugging_ends_in_a_stop_and_service_comes_back(driving, motor):
     run.release() if not refusal.success else None
     run.pull()
     assert run.graph.log('bridge').count('looking for the drive') < 5
-    assert run.graph.end('bridge') == 0  # writes what has not been written yet
+    assert run.graph.end('bridge') == 0  # the bridge writes its remaining files
     file = find_black_box(run.graph.processes.log('bridge').parent / 'ballbot')
     found = read_black_box(file)
     assert not found.damage and 'drive lost: the line was lost' in found.reason
@@ -90,7 +90,7 @@ def test_impossible_settings_are_refused_at_start(graph, hardware):
 
 @contextmanager
 def bridge_here(graph, hardware, motor):
-    """Give a bridge in this process, on the executor of the graph, whose motor pulls."""
+    """Yield a bridge in this process, on the executor of the graph, with a motor under torque."""
     node = Bridge(context=graph.context, parameter_overrides=[
         Parameter('hardware', value=hardware), Parameter('port', value=motor.path),
         Parameter('control', value='direct')])
@@ -106,13 +106,13 @@ def bridge_here(graph, hardware, motor):
         node.destroy_node()
 
 
-def test_an_executor_that_stands_still_keeps_no_torque_on(graph, hardware, motor):
+def test_a_stalled_executor_keeps_no_torque(graph, hardware, motor):
     with bridge_here(graph, hardware(), motor):
         wait_until(lambda: motor.torque == 0.0)  # without a spinning executor
-        assert motor.device.armed  # it was the loop that did it, not the watchdog of the drive
+        assert motor.device.armed  # stopped by the loop, not by the watchdog of the drive
 
 
-def test_an_error_in_the_loop_ends_in_a_stop_and_is_reported(graph, hardware, motor):
+def test_an_error_in_the_loop_stops_the_motor_and_is_reported(graph, hardware, motor):
     with bridge_here(graph, hardware(), motor) as node:
         def fail(report):
             raise ZeroDivisionError('planted')

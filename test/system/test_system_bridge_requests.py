@@ -17,12 +17,12 @@ from ballbot_ros.msg import MotorStatus
 
 @pytest.fixture
 def empty_cache(monkeypatch, tmp_path):
-    """Return the folder of an empty kernel cache, which nodes use that start from now on."""
+    """Return the folder of an empty kernel cache for the nodes that the test starts."""
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'cache'))
     return tmp_path / 'cache'
 
 
-def test_from_an_empty_kernel_cache_impossible_transitions_are_answered_and_end_nothing(
+def test_from_an_empty_kernel_cache_impossible_transitions_are_refused_without_effect(
         empty_cache, graph, motor, hardware):
     graph.client('bridge/change_state', ChangeState)
     graph.start('bridge', hardware=hardware(), port=motor.path, autostart=False)
@@ -46,7 +46,7 @@ def test_a_requested_transition_ends_the_autostart(graph, motor, hardware):
     graph.start('bridge', hardware=hardware(), port=motor.path)
     status = graph.subscribe('motor_status', MotorStatus)
     while not graph.change_state('bridge', Transition.TRANSITION_CONFIGURE):
-        execute(motor, 'plug')  # and from now on the bridge could do it by itself
+        execute(motor, 'plug')  # from here on, autostart could activate the bridge
     graph.wait(lambda: status, 'the loop runs')
     graph.spin(2.5)
     assert status[-1].state == MotorStatus.STATE_E_STOP
@@ -54,7 +54,7 @@ def test_a_requested_transition_ends_the_autostart(graph, motor, hardware):
     assert graph.change_state('bridge', Transition.TRANSITION_ACTIVATE)
 
 
-def test_two_publishers_of_commands_are_both_refused_by_name(graph, motor, hardware):
+def test_two_publishers_of_commands_are_both_refused_and_named(graph, motor, hardware):
     graph.start('bridge', hardware=hardware(), port=motor.path, control='direct')
     run = Driving(graph, motor)
     run.release()
@@ -69,7 +69,7 @@ def test_two_publishers_of_commands_are_both_refused_by_name(graph, motor, hardw
         other.destroy_node()
 
 
-def test_the_services_of_a_lifecycle_node_take_and_give_the_power(graph, motor, hardware):
+def test_the_services_of_a_lifecycle_node_switch_the_power(graph, motor, hardware):
     graph.client('bridge/change_state', ChangeState)
     graph.start('bridge', hardware=hardware(), port=motor.path, autostart=False,
                 control='direct')

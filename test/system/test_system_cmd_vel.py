@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speeds on cmd_vel, on a slope: kept, ended at a stand, and refused where they cannot be kept."""
+"""Speeds on cmd_vel on a slope: tracked, stopped, and reported if the slope is too steep."""
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 import pytest
@@ -19,7 +19,7 @@ def scene(folder, slope):
 
 @pytest.fixture
 def on_slope(graph, tmp_path):
-    """Return what starts simulator and controller on a slope; time runs in steps only."""
+    """Return a function that starts simulator and controller on a slope; time is stepped."""
     def start(slope):
         moved = graph.subscribe('odom', Odometry)
         graph.start('controller', set_point_timeout=0.0)
@@ -30,38 +30,38 @@ def on_slope(graph, tmp_path):
     return start
 
 
-def ask(graph, speed, seconds, moved):
-    """Ask for a speed, let time pass, and return the speeds since [m/s]."""
+def command_speed(graph, speed, seconds, moved):
+    """Command a speed, advance time, and return the speeds since the command [m/s]."""
     twist = TwistStamped()
     twist.twist.linear.x = speed
     graph.publish_until(
         lambda: graph.values('controller').get('set_value') == f'{speed:.4f}'
         and graph.values('controller')['mode'] == 'speed',
-        'the controller takes the speed', 'cmd_vel', twist)
+        'the controller accepts the speed', 'cmd_vel', twist)
     before = len(moved)
     graph.step(round(seconds * SECOND))
     graph.wait(lambda: len(moved) >= before + round(seconds * 100), 'odometry arrives')
     return [message.twist.twist.linear.x for message in moved[before:]]
 
 
-def test_a_speed_settles_within_3_s_on_a_slope_and_0_stands(graph, on_slope):
+def test_a_speed_settles_within_3_s_on_a_slope_and_0_stops_the_ball(graph, on_slope):
     moved = on_slope(-2.0)
-    ask(graph, 0.0, 1.0, moved)  # it learns the slope
-    speeds = ask(graph, 0.3, 3.0, moved)
+    command_speed(graph, 0.0, 1.0, moved)  # the controller estimates the slope
+    speeds = command_speed(graph, 0.3, 3.0, moved)
     assert max(speeds) < 0.315 and min(speeds[-50:]) > 0.285
-    speeds = ask(graph, 0.0, 2.5, moved)
-    # The contact slips on a slope while it stands, by less than this.
+    speeds = command_speed(graph, 0.0, 2.5, moved)
+    # On a slope the contact of a ball at rest creeps, by less than this.
     assert min(speeds) > -0.005 and max(speeds[-50:]) < 0.005
-    # Time goes on meanwhile, or the controller would say that no joint states come any more.
+    # Without steps, the controller would report missing joint states.
     graph.wait(lambda: graph.step(2) and getattr(
-        graph.statuses.get('controller'), 'message', '') == 'running', 'nothing is wrong')
+        graph.statuses.get('controller'), 'message', '') == 'running', 'no problem is reported')
 
 
 def test_a_slope_that_is_too_steep_is_reported(graph, on_slope):
     moved = on_slope(7.0)
-    ask(graph, 0.0, 2.5, moved)
+    command_speed(graph, 0.0, 2.5, moved)
     graph.wait_for_log('controller', 'resistance of a slope of')
-    # Time goes on meanwhile, or the controller would say that no joint states come any more.
+    # Without steps, the controller would report missing joint states.
     graph.wait(lambda: graph.step(2) and 'resistance above' in getattr(
-        graph.statuses.get('controller'), 'message', ''), 'the controller says so, too')
+        graph.statuses.get('controller'), 'message', ''), 'the controller reports it')
     assert graph.statuses['controller'].level == diagnostics.WARN

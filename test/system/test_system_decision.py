@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The decision among real topics: simulator, controller and decision.
+Simulator, controller and decision over real topics.
 
-They share a process where they run in lockstep; test_system_lockstep.py has them run apart.
+They share a process in lockstep; test_system_lockstep.py runs them in separate processes.
 
-Every case was a way in which a decision that only looks at the next step and its curve hurts the
-robot.
+In each case, a decision from the next step and its height curve alone would damage the robot.
 """
 import math
 
@@ -16,14 +15,14 @@ from ballbot_ros.msg import BallState, StepDecision
 from ballbot_ros.ros.conversions import to_seconds
 
 RADIUS = 0.226
-STOPPED = 0.02  # slower is at rest [m/s]
-HIT = 0.1  # faster, against what is not crossed, is a hit [m/s]
+STOPPED = 0.02  # at rest below this speed [m/s]
+HIT = 0.1  # collision with an obstacle above this speed [m/s]
 SEES_STEPS = {'observation_rate': 50.0, 'terrain_rate': 0.0}
 SEES_TERRAIN = {'observation_rate': 0.0, 'terrain_rate': 50.0}
 
 
 class Ride:
-    """What a run published."""
+    """The messages that a run published."""
 
     def __init__(self, states, decisions):
         self.states, self.decisions = states, decisions
@@ -42,31 +41,31 @@ class Ride:
 
     @property
     def changes(self):
-        """Return how often the decision became another one."""
+        """Return the number of changes of the decision."""
         return sum(one.decision != other.decision
                    for one, other in zip(self.decisions, self.decisions[1:]))
 
     @property
-    def story(self):
+    def decision_changes(self):
         """Return the changes of the decision, for the message of a failure."""
         return [f'{to_seconds(other.header.stamp):.2f} s {other.decision}/{other.reason} '
                 f'{other.explanation}' for one, other in zip(self.decisions, self.decisions[1:])
                 if one.decision != other.decision]
 
     def at_rest(self, seconds=1.0):
-        """Return whether the ball stood still in the last seconds."""
+        """Return whether the ball was at rest during the last seconds."""
         end = to_seconds(self.states[-1].header.stamp)
         last = [state for state in self.states if to_seconds(state.header.stamp) > end - seconds]
         return all(abs(state.velocity_x) < STOPPED for state in last)
 
     def speed_at(self, x):
-        """Return how fast the ball was when its front first reached x, 0 if it never did."""
+        """Return the speed [m/s] as the front of the ball first reached x, 0 if it did not."""
         return next((abs(state.velocity_x) for state in self.states if state.x + RADIUS >= x), 0.0)
 
 
 @pytest.fixture
 def ride(graph, tmp_path):
-    """Return a function that drives a scene for some seconds, in lockstep where that can be."""
+    """Return a function that runs a scene for some seconds, in lockstep if possible."""
     def run(terrain, seconds, start=0.0, speed=0.0, planner='rollout', tuning=None, **sensor):
         scene = tmp_path / 'scene.yaml'
         scene.write_text(yaml.safe_dump({
@@ -84,12 +83,12 @@ def ride(graph, tmp_path):
             'obstacle_decision': decision,
             'simulator': {'scene': scene, 'lockstep': lockstep, 'start_paused': True,
                           'real_time_factor': 0.0 if lockstep else 1.0, **sensor}}
-        if lockstep:  # the same run to the bit, and half the work
+        if lockstep:  # bit-identical runs at half the cost
             graph.start_together(**nodes)
         else:
             for name, parameters in nodes.items():
                 graph.start(name, **parameters)
-        # What comes late does not come at all while time stands still.
+        # A delayed message never arrives while time is stopped.
         graph.wait_until_connected(states, *([decisions] if lockstep else []))
         first = to_seconds(states[-1].header.stamp)
         graph.trigger('resume')
@@ -113,33 +112,33 @@ def slope(length, angle_deg):
 
 
 @pytest.mark.parametrize('sensor', [SEES_STEPS, SEES_TERRAIN])
-def test_before_a_drop_behind_half_a_degree_downhill_it_stands(ride, sensor):
+def test_the_ball_stops_before_a_drop_after_half_a_degree_downhill(ride, sensor):
     seen = ride([flat(0.4), slope(2.0, -0.5), step(-0.1), flat(2.0)], 12.0, **sensor)
     assert max(seen.x) < 2.4 - RADIUS and seen.at_rest()
     assert StepDecision.DECISION_CROSS not in seen.kinds
 
 
-def test_on_three_degrees_downhill_it_does_not_hit_the_step_that_it_goes_round(ride):
+def test_the_ball_does_not_hit_a_refused_step_at_three_degrees_downhill(ride):
     seen = ride([flat(0.4), slope(2.2, -3.0), step(0.08), flat(1.0)], 12.0, **SEES_TERRAIN)
     assert seen.speed_at(2.6) < HIT and seen.at_rest()
 
 
 @pytest.mark.parametrize('sensor, tuning', [
-    # What is not seen is floor only as far as the tuning takes it for granted.
+    # Unobserved ground counts as floor only within `unseen_room` of the tuning.
     (SEES_STEPS, {'unseen_room': 0.25}), (SEES_TERRAIN, None)])
-def test_it_does_not_fall_off_the_edge_behind_a_step(ride, sensor, tuning):
+def test_the_ball_does_not_fall_off_the_edge_behind_a_step(ride, sensor, tuning):
     seen = ride([flat(1.2), step(0.02), flat(0.3), step(-0.1), flat(2.0)], 10.0, tuning=tuning,
                 **sensor)
     assert max(seen.x) < 1.5
 
 
-def test_it_is_not_thrown_against_a_wall_behind_a_step(ride):
+def test_the_ball_does_not_hit_a_wall_behind_a_step(ride):
     seen = ride([flat(1.2), step(0.02), flat(0.4), step(0.5), flat(1.0)], 10.0, **SEES_TERRAIN)
     assert seen.speed_at(1.6) < HIT
 
 
 def test_a_failed_plan_is_not_repeated(ride):
-    # The sensor sees the step half as high as it is, so the first attempt fails.
+    # The sensor reports half of the height, so the first attempt fails.
     seen = ride([flat(1.2), step(0.06), flat(2.0)], 20.0, sensor_scale=-0.5, **SEES_STEPS)
     touches, away = [], True
     for state in seen.states:
@@ -151,20 +150,20 @@ def test_a_failed_plan_is_not_repeated(ride):
     assert all(later > before for before, later in zip(touches, touches[1:]))
 
 
-def test_where_the_run_up_is_too_short_it_backs_off_and_crosses(ride):
+def test_the_ball_backs_off_and_crosses_if_the_run_up_is_too_short(ride):
     seen = ride([flat(2.0), step(0.031), flat(3.0)], 14.0, start=1.62,
                 tuning={'room_behind': 1.5}, **SEES_TERRAIN)
     assert min(seen.x) < 1.5 and StepDecision.DECISION_BACK_OFF in seen.kinds
     assert max(seen.x) > 2.1
 
 
-def test_uphill_it_does_not_roll_back_without_a_word(ride):
+def test_the_ball_does_not_roll_back_on_an_uphill_slope(ride):
     seen = ride([slope(6.0, 4.0), flat(2.0)], 8.0, start=0.5, **SEES_TERRAIN)
     assert min(seen.x) > 0.4
 
 
 @pytest.mark.parametrize('angle_deg', [4.0, 8.0])
-def test_a_ramp_is_seen_before_the_ball_is_on_it(ride, angle_deg):
+def test_a_ramp_is_detected_before_the_ball_reaches_it(ride, angle_deg):
     seen = ride([flat(1.5), slope(0.6, angle_deg), flat(1.0)], 10.0, **SEES_TERRAIN)
     climbed = max(seen.x) > 2.2
     refused = seen.kinds & {StepDecision.DECISION_STOP, StepDecision.DECISION_GO_ROUND}
@@ -173,14 +172,14 @@ def test_a_ramp_is_seen_before_the_ball_is_on_it(ride, angle_deg):
 
 @pytest.mark.parametrize('sensor', [
     {'observation_height_sd': 0.003, **SEES_STEPS}, {'terrain_height_sd': 0.003, **SEES_TERRAIN}])
-def test_unreported_noise_does_not_hit_a_step(ride, sensor):
+def test_the_ball_does_not_hit_a_step_despite_unreported_noise(ride, sensor):
     seen = ride([flat(1.0), step(0.055), flat(1.0)], 8.0, sensor_reported_sd=0.0, **sensor)
     if StepDecision.DECISION_CROSS not in seen.kinds:
         assert seen.speed_at(1.0) < HIT
-    assert len(seen.story) <= 4, seen.story
+    assert len(seen.decision_changes) <= 4, seen.decision_changes
 
 
 @pytest.mark.slow
-def test_with_a_late_sensor_it_makes_up_its_mind(ride):
+def test_the_decision_settles_despite_a_delayed_sensor(ride):
     seen = ride([flat(1.426), step(0.025), flat(3.0)], 6.0, sensor_latency=0.28, **SEES_TERRAIN)
     assert seen.changes <= 4

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The demo as people start it: what it shows, what it leaves behind, and how it fails."""
+"""The demo as users start it: its output, its files, and its failures."""
 import math
 from pathlib import Path
 import re
@@ -25,18 +25,18 @@ README = Path(__file__).resolve().parents[2] / 'README.md'
 
 @pytest.fixture
 def demo(domain, tmp_path):
-    """Return a function that starts ``ballbot demo``; what it starts ends with the test."""
+    """Return a function that starts ``ballbot demo``; the processes end with the test."""
     started = []
 
     def start(*arguments, together=False):
         surroundings = environment(domain, tmp_path)
-        if together:  # as without a domain of the user
+        if together:  # as if the user had set no domain
             del surroundings['ROS_DOMAIN_ID']
         process = subprocess.Popen(
             [sys.executable, '-m', 'ballbot_ros.cli', 'demo', '--out', str(tmp_path / 'out'),
              *arguments], env=surroundings, stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT, text=True,
-            # A shell that runs the tests in the background has it ignored.
+            # SIGINT is ignored if a shell runs the tests in the background.
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
         started.append(process)
         return process
@@ -47,7 +47,7 @@ def demo(domain, tmp_path):
 
 
 def timeline(text):
-    """Return time [s] and words of each line with a time, without the other numbers."""
+    """Return time [s] and text of each line with a time, without other numbers."""
     return [(float(time), re.sub(r'[\d.]+', '', words))
             for time, words in re.findall(r'^ +([\d.]+) s +(.+)$', text, re.M)]
 
@@ -59,7 +59,7 @@ def nodes_of(demo):
         try:
             number, rest = stat.read_text().split(' (', 1)
         except (OSError, ValueError):
-            continue  # it has just ended
+            continue  # the process has ended
         name, rest = rest.rsplit(') ', 1)
         names[int(number)], parents[int(number)] = name, int(rest.split()[1])
     found = {node: number for number, name in names.items() for node in NODES
@@ -68,7 +68,7 @@ def nodes_of(demo):
 
 
 @pytest.mark.slow
-def test_from_an_empty_kernel_cache_both_scenes_end_as_they_should_and_all_is_recorded(
+def test_from_an_empty_kernel_cache_both_scenes_succeed_and_all_topics_are_recorded(
         demo, monkeypatch, tmp_path):
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'cache'))
     process = demo('--timeout', '250', together=True)
@@ -84,14 +84,14 @@ def test_from_an_empty_kernel_cache_both_scenes_end_as_they_should_and_all_is_re
         assert (place := printed.find(words, place)) >= 0, (words, printed)
     shown = timeline(README.read_text(encoding='utf-8'))
     assert len(shown) > 4
-    for time, words in shown:  # but for the digits of another processor
+    for time, words in shown:  # up to the rounding of another processor
         assert [found for found, others in timeline(printed)
                 if words == others and abs(found - time) < 0.1], (time, words, printed)
 
     with Image.open(tmp_path / 'out' / 'doorstep' / 'crossing.png') as picture:
         assert picture.format == 'PNG'
         assert 500 < picture.width < 5000 and 150 < picture.height < 5000
-        assert np.asarray(picture.convert('L')).std() > 10.0  # there is something on it
+        assert np.asarray(picture.convert('L')).std() > 10.0  # the picture is not empty
 
     with AnyReader([tmp_path / 'out' / 'doorstep' / 'bag']) as bag:
         stamps = {connection.topic: set() for connection in bag.connections}
@@ -109,7 +109,7 @@ def test_from_an_empty_kernel_cache_both_scenes_end_as_they_should_and_all_is_re
                 heights.add(round(1e2 * message.height))
     end = max(stamps['/joint_states'])
     assert end > 5000 and {3, 8} <= heights
-    # However busy the machine was, only messages still on their way at the end may be missing.
+    # Even on a busy machine, only messages in transit at the end may be missing.
     for topic, period in (('/joint_states', 2), ('/ball_state', 10), ('/odom', 10),
                           ('/terrain_observation', 20), ('/joint_commands', 2),
                           ('/step_decision', 20), ('/set_point', 20)):
@@ -125,7 +125,7 @@ def test_from_an_empty_kernel_cache_both_scenes_end_as_they_should_and_all_is_re
 
 
 @pytest.mark.slow
-def test_through_an_emulated_drive_a_step_is_crossed_and_one_refused(demo):
+def test_through_an_emulated_drive_one_step_is_crossed_and_one_refused(demo):
     process = demo('--hardware')
     printed = process.communicate(timeout=2.0 * TIMEOUT)[0]
     if process.returncode and 'the load of this machine is' in printed:
@@ -152,7 +152,7 @@ def test_the_ball_drives_through_a_house_over_thresholds_and_steps(demo, tmp_pat
         *_, last = (bag.deserialize(data, one.msgtype) for one, _, data in bag.messages(
             [one for one in bag.connections if one.topic == '/odom']))
     assert {'map', 'scan', 'plan', 'cmd_vel', 'set_point', 'joint_states'} <= recorded
-    # In the frame of the start, which looks along y.
+    # In the frame of the start, whose x axis is the y axis of the map.
     there = last.pose.pose.position
     assert math.dist((1.7 - there.y, 1.4 + there.x), (8.1, 5.5)) < 0.2
 
@@ -163,7 +163,7 @@ def test_a_house_demo_that_does_not_arrive_fails(demo):
     assert 'FAILED' in printed and 'the bedroom was not reached' in printed
 
 
-def test_a_place_off_the_floor_is_refused_before_the_nodes_start(demo):
+def test_a_goal_off_the_map_is_refused_before_the_nodes_start(demo):
     printed = (process := demo('--house', '--goal', '8100', '5500')).communicate(
         timeout=TIMEOUT)[0]
     assert process.returncode == 2, printed
@@ -184,7 +184,7 @@ def test_a_node_that_dies_fails_the_demo_and_is_named(demo, tmp_path):
 
 
 @pytest.mark.parametrize('number, code', [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_demo_that_is_interrupted_leaves_nothing_running(demo, tmp_path, number, code):
+def test_an_interrupted_demo_leaves_no_process_running(demo, tmp_path, number, code):
     process = demo()
     nodes = wait_until(lambda: nodes_of(process).keys() == NODES and nodes_of(process))
     logs = tmp_path / 'out' / 'doorstep' / 'logs'
@@ -197,8 +197,8 @@ def test_demo_that_is_interrupted_leaves_nothing_running(demo, tmp_path, number,
     assert not any(Path('/proc', str(number)).exists() for number in nodes.values())
 
 
-def test_a_demo_of_an_unable_robot_fails_and_names_the_shortfall(domain, tmp_path):
-    # The first step is 60 mm: too high, so that nothing is crossed and nothing ever ends.
+def test_a_demo_with_a_first_step_too_high_fails_and_reports_why(domain, tmp_path):
+    # The first step of 60 mm is too high: the ball crosses no step and does not come to rest.
     scene = tmp_path / 'too_high.yaml'
     scene.write_text('robot: gimball\nterrain:\n  - flat: {length: 1.4}\n'
                      '  - step: {height: 0.06}\n  - flat: {length: 1.0}\n'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An experiment with real nodes: one folder, and the same numbers again."""
+"""An experiment with real nodes: one folder, from which the results are reproduced."""
 import json
 import subprocess
 import sys
@@ -13,18 +13,18 @@ simulator: {observation_height_sd: 0.001}
 
 
 def run(*words):
-    """Run the command, and return what it said."""
+    """Run the command, and return its output."""
     done = subprocess.run([sys.executable, '-m', 'ballbot_ros.cli', 'run', *map(str, words)],
                           capture_output=True, text=True)
     assert done.returncode == 0, done.stderr + done.stdout
     return done.stdout
 
 
-def test_a_folder_of_an_experiment_gives_the_same_numbers_again(tmp_path):
+def test_an_experiment_is_reproduced_from_its_folder(tmp_path):
     (tmp_path / 'plan.yaml').write_text(PLAN)
     run(tmp_path / 'plan.yaml', '--out', tmp_path / 'out')
     numbers = json.loads((tmp_path / 'out' / 'seed_7' / 'numbers.json').read_text())
-    # To the last state, and what answers it.
+    # Up to the last state and its command.
     assert numbers['messages'] == {
         '/ball_state': 11, '/joint_commands': 51, '/joint_states': 51, '/odom': 11,
         '/terrain_observation': 6}

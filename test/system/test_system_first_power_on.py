@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/first_power_on.md, walked through with emulated drives as they come from their makers."""
+"""docs/first_power_on.md, executed with emulated drives in their factory settings."""
 from pathlib import Path
 import re
 import shlex
@@ -26,9 +26,9 @@ from ballbot_ros.ros.conversions import to_time
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs/first_power_on.md'
 
-# A hand waits until the bridge has seen how far it turned something: what turns while a busy
-# machine holds up the bridge looks like a jump of the encoder [rad].
-BIT_BY_BIT = [0.05 * bit for bit in range(1, 11)]
+# The hand waits until the bridge has reported each turn: a rotation while the machine delays the
+# bridge is detected as a jump of the encoder [rad].
+INCREMENTS = [0.05 * bit for bit in range(1, 11)]
 
 
 def items():
@@ -39,7 +39,7 @@ def items():
 
 @pytest.fixture
 def workshop(tmp_path, capsys, monkeypatch):
-    """Return a function that makes a workshop; its drive is unplugged after the test."""
+    """Return a function that makes a `Workshop`; its drive is unplugged after the test."""
     monkeypatch.chdir(tmp_path)
     made = []
 
@@ -53,7 +53,7 @@ def workshop(tmp_path, capsys, monkeypatch):
 
 
 @pytest.mark.parametrize('kind', FRESH)
-def test_a_drive_from_its_maker_is_refused_until_all_is_done_that_the_doctor_says(kind, workshop):
+def test_factory_settings_are_refused_until_all_remedies_of_the_doctor_are_applied(kind, workshop):
     shop = workshop(kind)
     shop.copy_file(torque_limit=0.3)
     connect = connector(load_hardware('my.yaml'))
@@ -66,7 +66,7 @@ def test_a_drive_from_its_maker_is_refused_until_all_is_done_that_the_doctor_say
 
 
 class Walk:
-    """The list of the page, step by step."""
+    """The items of the page, each as a method."""
 
     def __init__(self, shop, graph, monkeypatch):
         self.shop, self.graph, self.monkeypatch = shop, graph, monkeypatch
@@ -79,7 +79,7 @@ class Walk:
         self._publishing.start()
 
     def close(self):
-        """End the IMU."""
+        """Stop the IMU."""
         self._ending.set()
         self._publishing.join()
 
@@ -92,13 +92,13 @@ class Walk:
     # The items, in the order of the page
 
     def copy_and_doctor(self, item):
-        """Copy the file, and let the doctor say what is wrong with the drive."""
+        """Copy the file, and apply the remedies of the doctor to the drive."""
         limit = float(re.search(r'`torque_limit: ([0-9.]+)`', item).group(1))
         self.shop.copy_file(torque_limit=limit)
         assert self.shop.obey_doctor(command(item, 'ballbot doctor')) >= 1
 
     def calibrate(self, item):
-        """Calibrate; what the person does is what the questions say."""
+        """Calibrate, as the prompts request."""
         for name in ('RAISE', 'SETTLE', 'LOOK'):
             self.monkeypatch.setattr(calibration, name, 0.4 * getattr(calibration, name))
         self.monkeypatch.setattr('builtins.input', self._answer)
@@ -106,7 +106,7 @@ class Walk:
         assert code == 0, out + self.shop.complaint
         joint = load_hardware('my_motor.yaml').joint
         assert joint.direction == 1 and joint.torque_factor == pytest.approx(EXTRA, rel=0.05)
-        # The drive need not be set up again for it.
+        # The drive needs no further changes of its settings.
         assert self.shop.obey_doctor('ballbot doctor --hardware my_motor.yaml') == 0
 
     def _answer(self, question):
@@ -121,11 +121,11 @@ class Walk:
         """Start the bridge, and turn the pendulum forward by hand."""
         self.run_bridge(item)
         self.graph.wait(lambda: self.states, 'joint states flow')
-        self.turn_and_see('pendulum', 1.0, 0.02)
+        self.turn_and_verify('pendulum', 1.0, 0.02)
 
     def turn_shell(self, item):
         """Turn the shell forward by hand, and back."""
-        self.turn_and_see('shell', -1.0, 0.1)  # clockwise is forward
+        self.turn_and_verify('shell', -1.0, 0.1)  # clockwise is forward
 
     def pull_the_plug(self, item):
         """Unplug and plug in again."""
@@ -135,14 +135,14 @@ class Walk:
         self.wait_for_state(lost)
         execute(self.motor, 'plug')
         self.wait_for_state(then)
-        # Killed later, it would not write what it has kept of that.
+        # The bridge must write its black box before it is killed below.
         self.graph.wait_for_log('bridge', 'see them with: ballbot replay')
 
     def push(self, item):
         """Release the e-stop and publish the torque of the page, then stop."""
         self.topic = command(item, 'ros2 topic pub')
         last = self.publish_until_torque()
-        self.graph.wait(lambda: self.motor.torque == 0.0, 'the motor is at zero')
+        self.graph.wait(lambda: self.motor.torque == 0.0, 'the motor torque is zero')
         after = self.motor.log[-1].time - last
         assert after < load_hardware('my_motor.yaml').limits.command_timeout + WATCHDOG
 
@@ -152,7 +152,7 @@ class Walk:
         self.publish_until_torque()
         killed = time.monotonic()
         self.graph.kill('bridge')
-        self.graph.wait(lambda: self.motor.torque == 0.0, 'the motor is at zero')
+        self.graph.wait(lambda: self.motor.torque == 0.0, 'the motor torque is zero')
         assert self.motor.log[-1].time - killed < 2.0 * WATCHDOG
         assert not self.motor.device.armed
 
@@ -163,11 +163,11 @@ class Walk:
         words = shlex.split(command(item, 'ros2 service call'))
         assert words[4].strip('.') == 'std_srvs/srv/Trigger'
         assert self.graph.call(words[3].lstrip('/'), Trigger).success
-        self.graph.wait(lambda: self.motor.torque == 0.0, 'the motor is at zero')
+        self.graph.wait(lambda: self.motor.torque == 0.0, 'the motor torque is zero')
         self.wait_for_state(MotorStatus.STATE_E_STOP)
         assert self.graph.end('bridge', signal.SIGINT) == 0
 
-    # What several of them do
+    # Parts of several items
 
     def run_bridge(self, item):
         """Start the bridge with the parameters of the command of the page."""
@@ -180,7 +180,7 @@ class Walk:
             word.split(':=') for flag, word in zip(words, words[1:]) if flag == '-p'))
 
     def turn(self, pendulum=None, shell=None):
-        """Turn something by hand, and wait until that is done."""
+        """Turn pendulum or shell by hand, and wait until it has arrived."""
         if pendulum is not None:
             self.ball.pendulum = pendulum
         if shell is not None:
@@ -188,21 +188,21 @@ class Walk:
         while not self.ball.done:
             time.sleep(0.05)
 
-    def turn_and_see(self, name, sign, tolerance):
+    def turn_and_verify(self, name, sign, tolerance):
         """
-        Turn something bit by bit, and back, until the bridge has reported all of it.
+        Turn pendulum or shell in increments, and back, until the bridge has reported them.
 
-        A turn while a busy machine holds up the bridge is not reported: readings of its IMU are
-        lost then, which gravity makes up for in minutes only, and a drive that was lost for a
-        moment and now reports a small angle looks like one that was off and counts again from 0.
+        While the machine delays the bridge, it misses rotation: gravity corrects for lost IMU
+        readings only within minutes, and a drive that reconnects with a small angle looks like
+        one that was off and counts again from 0.
         """
         joint = ('shell', 'pendulum').index(name)
         for _ in range(5):
-            self.graph.wait(lambda: abs(self.ball.state.pendulum_angle) < 0.005, 'it hangs')
+            self.graph.wait(lambda: abs(self.ball.state.pendulum_angle) < 0.005, 'rest')
             self.states.clear()
             self.graph.wait(lambda: self.states, 'joint states flow')
             begin, reported = self.states[-1].position[joint], True
-            for angle in (sign * bit for bit in BIT_BY_BIT):
+            for angle in (sign * bit for bit in INCREMENTS):
                 self.turn(**{name: angle})
                 reported = reported and self.reports(joint, begin + angle, tolerance)
             if name == 'shell':
@@ -211,7 +211,7 @@ class Walk:
                 self.ball.pendulum = None
             if reported and self.reports(joint, begin, max(tolerance, 0.05)):
                 return
-        raise AssertionError(f'the bridge never reports how far the {name} turned')
+        raise AssertionError(f'the bridge never reports the rotation of the {name}')
 
     def reports(self, joint, angle, tolerance):
         """Return whether the bridge reports the angle of a joint within 10 s."""
@@ -223,20 +223,20 @@ class Walk:
         return True
 
     def wait_for_state(self, state):
-        """Wait until the bridge says a state."""
+        """Wait until the bridge reports a state."""
         self.graph.wait(lambda: state in [status.state for status in self.status],
                         f'motor_status says {state}')
 
     def publish_until_torque(self):
-        """Publish the command of the page until the motor makes its torque; return when last."""
+        """Publish the command of the page until the motor applies it; return the time [s]."""
         content = yaml.safe_load(shlex.split(self.topic)[-1])
         assert content['header'] == {'stamp': 'now'}
         rate = float(re.search(r'-r (\d+)', self.topic).group(1))
         joint = load_hardware('my_motor.yaml').joint
         wanted = abs(joint.motor_torque(content['effort'][0]))
         publisher = self.graph.publisher(shlex.split(self.topic)[5], JointState)
-        for _ in range(5):  # a busy machine may bring the e-stop in between
-            self.graph.wait(lambda: self.status, 'the bridge says its state')
+        for _ in range(5):  # on a busy machine the e-stop may engage again
+            self.graph.wait(lambda: self.status, 'the bridge reports its state')
             end = time.monotonic() + TIMEOUT
             while not (answer := self.graph.call('bridge/release_e_stop', Trigger)).success:
                 assert time.monotonic() < end, answer.message
@@ -248,10 +248,10 @@ class Walk:
                 self.graph.spin(1.0 / rate)
                 if abs(abs(self.motor.torque) - wanted) < 1e-5:
                     return time.monotonic()
-        raise AssertionError(f'the motor never made {wanted:g} N m: {self.status[-1]}')
+        raise AssertionError(f'the motor never applied {wanted:g} N m: {self.status[-1]}')
 
 
-# A phrase of each item of the page, and what is done there.
+# A phrase of each item of the page, and its method.
 STEPS = (
     ('Copy the hardware file to `my.yaml`', Walk.copy_and_doctor),
     ('`ballbot calibrate-motor', Walk.calibrate),
@@ -264,19 +264,19 @@ STEPS = (
 
 
 def command(item, begin):
-    """Return the command of an item that begins so."""
+    """Return the command of an item that starts with `begin`."""
     found = re.search(rf'`({begin}[^`]*)`|({begin}.*"[^"]*")', item)
     assert found, f'no command {begin!r} in: {item}'
     return found.group(1) or found.group(2)
 
 
-def test_the_page_lists_the_additions_of_this_file():
+def test_the_page_lists_the_items_of_this_file():
     assert [phrase for item in items() for phrase, _ in STEPS if phrase in item] == [
         phrase for phrase, _ in STEPS]
-    assert len(items()) == len(STEPS), 'an item of the page is not tried'
+    assert len(items()) == len(STEPS), 'an item of the page is not tested'
 
 
-def test_the_list_of_the_page_is_walked_through(workshop, graph, monkeypatch):
+def test_the_items_of_the_page_succeed_in_their_order(workshop, graph, monkeypatch):
     walk = Walk(workshop('odrive'), graph, monkeypatch)
     try:
         for item, (_, step) in zip(items(), STEPS):

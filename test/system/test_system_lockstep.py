@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lockstep: runs that are repeatable to the bit, and time that waits for its controller."""
+"""Lockstep: runs repeat to the bit, and time stops without a controller."""
 from itertools import pairwise
 
 import pytest
@@ -34,7 +34,7 @@ def scene(tmp_path):
 
 
 def start_all(graph, scene, together=False, **parameters):
-    """Start the three nodes, and return what they publish when all are connected."""
+    """Start the three nodes; return the lists of their messages once all are connected."""
     received = {topic: graph.subscribe(topic, kind) for topic, kind in KINDS.items()}
     nodes = {'controller': {'lockstep_set_point_period': 0.02},
              'obstacle_decision': {'unseen_room': 1.0},
@@ -45,13 +45,13 @@ def start_all(graph, scene, together=False, **parameters):
     else:
         for name, values in nodes.items():
             graph.start(name, **values)
-    # A command is an answer to a state and a set-point, and that to an observation.
+    # A command responds to a state and a set-point, a set-point to an observation.
     graph.wait_until_connected(*received.values())
     return received
 
 
 def record(graph, scene, seed, together):
-    """Return what a run publishes, by topic and stamp, as text: bit for bit, -0.0 is not 0.0."""
+    """Return the messages of a run by topic and stamp; text distinguishes -0.0 from 0.0."""
     received = start_all(graph, scene, together, seed=seed, **NOISE)
     end = graph.step(PERIODS)
     for messages in received.values():
@@ -67,7 +67,7 @@ def record(graph, scene, seed, together):
 
 
 @pytest.mark.slow
-def test_in_one_process_or_apart_under_load_a_run_is_the_same_to_the_bit_unless_its_seed_is_not(
+def test_runs_repeat_to_the_bit_in_one_or_several_processes_and_depend_on_the_seed(
         make_graph, scene):
     first = record(make_graph(), scene, seed=7, together=True)
     loaded = make_graph()
@@ -79,10 +79,10 @@ def test_in_one_process_or_apart_under_load_a_run_is_the_same_to_the_bit_unless_
     differ = sorted((key[1], key[0]) for key, text in first.items() if text != second[key])
     assert differ[:3] == []
     assert first != other
-    assert 'kind=2' in ''.join(first.values())  # the edge of the step was in it
+    assert 'kind=2' in ''.join(first.values())  # contacts with the edge of the step
 
 
-def test_each_state_is_published_once_and_the_clock_goes_ahead_of_it(graph):
+def test_each_state_is_published_once_and_the_clock_advances(graph):
     states, clocks = [], []
     graph.subscribe('joint_states', JointState, callback=states.append)
     graph.subscribe('/clock', Clock, callback=clocks.append)
@@ -91,7 +91,7 @@ def test_each_state_is_published_once_and_the_clock_goes_ahead_of_it(graph):
                 start_paused=True, clock_rate=250.0)
     graph.wait_until_connected(states, clocks)
     graph.wait_for_time(states, graph.step(300))
-    graph.wait(lambda: to_seconds(clocks[-1].clock) >= 0.6, 'the clock has come so far')
+    graph.wait(lambda: to_seconds(clocks[-1].clock) >= 0.6, 'the clock has advanced')
     stamps = [to_seconds(state.header.stamp) for state in states]
     assert sorted(set(stamps)) == pytest.approx([0.002 * number for number in range(301)])
     assert stamps == sorted(stamps)
@@ -103,9 +103,9 @@ def test_each_state_is_published_once_and_the_clock_goes_ahead_of_it(graph):
 
 @pytest.mark.parametrize('name, parameters', [
     # Within a period of the decision: the set-point that the new controller waits for was
-    # published before it was there.
+    # published before the controller started.
     ('controller', {'lockstep_set_point_period': 0.02}), ('obstacle_decision', {})])
-def test_time_stands_still_while_a_node_is_away_and_goes_on_with_the_next(
+def test_time_stops_without_a_node_and_continues_with_its_replacement(
         graph, scene, name, parameters):
     states = start_all(graph, scene, lockstep_timeout=0.5)['ball_state']
     graph.trigger('resume')
@@ -113,7 +113,7 @@ def test_time_stands_still_while_a_node_is_away_and_goes_on_with_the_next(
     graph.kill(name)
     graph.wait_for_log('simulator', 'time is stopped')
     assert 'torque is 0; is the controller running?' in graph.log('simulator')
-    # What was published before time stood still may be received after the log line was read.
+    # Messages from before the stop may arrive after the log line was read.
     graph.wait(lambda: len(states) > 3 and states[-1] == states[-3], 'the state is repeated')
     stood, before = to_seconds(states[-1].header.stamp), len(states)
     graph.wait(lambda: len(states) > before + 3, 'the state is repeated again')

@@ -13,7 +13,7 @@ from ballbot_ros.nodes.navigator.node import PERIOD
 from ballbot_ros.nodes.navigator.outputs import stamped_pose
 from ballbot_ros.ros.conversions import to_time
 
-START = 1.7, 1.4  # of odom on the map; the ball looks along x
+START = 1.7, 1.4  # origin of odom on the map; the ball faces +x
 RESTING = 0.03  # [m/s]
 
 
@@ -33,7 +33,7 @@ class Robot:
 
     @property
     def place(self):
-        """Return the place on the map [m]."""
+        """Return the position on the map [m]."""
         there = self.odometry[-1].pose.pose.position
         return START[0] + there.x, START[1] + there.y
 
@@ -49,15 +49,15 @@ class Robot:
         return sent.result()
 
     def drive(self):
-        """Let the ball get going."""
+        """Wait until the ball moves."""
         self.graph.wait(lambda: self.odometry and self.speed > 0.1, 'the ball drives')
 
     def result(self, handle):
         """
         Wait until a goal has ended and the ball rests; return status and result.
 
-        The result overtakes odom.  Without a goal time stands still, so that a ball that does not
-        rest by then never does.
+        The result arrives before odom.  Without a goal time is stopped, so that a ball that is
+        not at rest by then never comes to rest.
         """
         got = handle.get_result_async()
         self.graph.wait(got.done, 'the goal has ended', timeout=240.0)
@@ -103,7 +103,7 @@ def test_a_new_goal_preempts_the_old_one(robot):
 
 
 @pytest.mark.slow
-def test_invalid_goals_are_refused_with_their_reasons_and_time_stands_still(robot):
+def test_invalid_goals_are_refused_with_their_reasons_and_time_remains_stopped(robot):
     refused = {'off_map': (99.0, 1.4), 'wall': (0.05, 3.0), 'not_finite': (math.nan, 1.4),
                'feature': (2.9, 3.4)}
     for goal in refused.values():
@@ -112,5 +112,5 @@ def test_invalid_goals_are_refused_with_their_reasons_and_time_stands_still(robo
     robot.graph.wait(lambda: robot.graph.refusals('navigator') == dict.fromkeys(
         (*refused, 'wrong_frame'), 1), 'the reasons are on /diagnostics')
     assert {(one.header.stamp.sec, one.header.stamp.nanosec) for one in robot.odometry} == {(0, 0)}
-    # They leave the navigator as it was.
+    # The refusals leave the state of the navigator unchanged.
     assert robot.send(2.0, 1.4).accepted

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws on board, of the simulator and of a bridge: set-points in, and no node controller."""
+"""Onboard control laws of simulator and bridge: set-points without the node controller."""
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
@@ -25,12 +25,12 @@ def test_the_decision_drives_a_simulator_over_a_step_without_a_controller(graph)
     assert graph.values('simulator')['law'] == 'hold'
 
 
-def test_a_simulator_on_board_takes_the_e_stop_and_the_decision_goes_on_only_when_asked(graph):
+def test_a_simulator_with_onboard_laws_obeys_the_e_stop_and_continues_on_request_only(graph):
     states = graph.subscribe('ball_state', BallState)
     wanted = graph.subscribe('set_point', JointState)
     graph.start('obstacle_decision')
     graph.start('simulator', scene='doorstep', control='onboard')
-    graph.wait(lambda: states and abs(states[-1].pendulum_torque) > 0.1, 'the motor pulls')
+    graph.wait(lambda: states and abs(states[-1].pendulum_torque) > 0.1, 'a torque')
     latch = graph.publisher('e_stop', Bool, qos.LATCHED)
     latch.publish(Bool(data=True))
     graph.wait_for_health('obstacle_decision', diagnostics.WARN, 'the e-stop is engaged')
@@ -43,22 +43,22 @@ def test_a_simulator_on_board_takes_the_e_stop_and_the_decision_goes_on_only_whe
     assert {message.position[0] for message in wanted[-10:]} == {0.0}
     answer = graph.call('obstacle_decision/resume', Trigger)
     assert answer.success, answer.message
-    graph.wait(lambda: abs(wanted[-1].position[0]) > 0.05, 'it drives on')
+    graph.wait(lambda: abs(wanted[-1].position[0]) > 0.05, 'the ball drives on')
 
 
-def test_a_controller_receives_the_e_stop_and_does_not_jump_when_it_is_released(graph):
+def test_a_controller_obeys_the_e_stop_and_does_not_jump_at_its_release(graph):
     commands = graph.subscribe('joint_commands', JointState)
     graph.start('controller')
     # Slowly: half a second without set-points counts as rest, and this machine may be busy.
     graph.start('simulator', scene='flat', real_time_factor=0.2)
     up = graph.joint(position=[0.5])
-    graph.publish_until(lambda: commands and commands[-1].effort[0] > 0.3, 'the motor pulls',
+    graph.publish_until(lambda: commands and commands[-1].effort[0] > 0.3, 'a torque',
                         'set_point', up)
     latch = graph.publisher('e_stop', Bool, qos.LATCHED)
     latch.publish(Bool(data=True))
     graph.wait_for_health('controller', diagnostics.WARN, 'the e-stop is engaged')
-    # Commands from before may still be on their way to us; those behind the first zero are not.
-    graph.publish_until(lambda: commands[-1].effort[0] == 0.0, 'the motor makes no torque',
+    # Earlier commands may still be in transit; those after the first zero are not.
+    graph.publish_until(lambda: commands[-1].effort[0] == 0.0, 'the torque is zero',
                         'set_point', up)
     commands.clear()
     released = []
@@ -70,14 +70,14 @@ def test_a_controller_receives_the_e_stop_and_does_not_jump_when_it_is_released(
         return len(commands) > 200
     graph.publish_until(answered, 'states are answered', 'set_point', up)
     assert {command.effort[0] for command in commands} == {0.0}
-    graph.publish_until(lambda: graph.refusals('controller').get('e_stop'), 'it counts them',
+    graph.publish_until(lambda: graph.refusals('controller').get('e_stop'), 'refusals are counted',
                         'set_point', up)
     rest = graph.joint(position=[0.0])
-    graph.publish_until(lambda: commands[-1].effort[0] > 0.3, 'after rest it follows again',
+    graph.publish_until(lambda: commands[-1].effort[0] > 0.3, 'after rest the motor follows again',
                         'set_point', rest, rest, *[up] * 50)
 
 
-def test_a_bridge_drives_by_set_points_and_names_who_keeps_the_e_stop_engaged(
+def test_a_bridge_follows_set_points_and_names_the_node_that_prevents_a_release(
         graph, motor, hardware):
     status = graph.subscribe('motor_status', MotorStatus)
     graph.start('bridge', hardware=hardware(), port=motor.path)
@@ -87,13 +87,13 @@ def test_a_bridge_drives_by_set_points_and_names_who_keeps_the_e_stop_engaged(
     def released():
         return graph.call('bridge/release_e_stop', Trigger)
     graph.publish_until(lambda: graph.values('bridge').get('set_points_e_stop', '0') != '0',
-                        'it refuses them', 'set_point', up)
+                        'the bridge refuses them', 'set_point', up)
     answer = released()
     assert not answer.success
     assert 'set_point requests a pendulum angle of 0.4 rad (from /test)' in answer.message
     graph.spin(0.6)
     graph.publish_until(lambda: released().success, 'rest lets it be released', 'set_point', rest)
     graph.publish_until(lambda: abs(motor.torque) > 0.0 and status[-1].law == 'hold'
-                        and status[-1].set_value == 0.4, 'the motor pulls', 'set_point', up)
+                        and status[-1].set_value == 0.4, 'a torque', 'set_point', up)
     assert graph.call('bridge/engage_e_stop', Trigger).success
-    graph.wait(lambda: motor.torque == 0.0, 'the motor is at zero')
+    graph.wait(lambda: motor.torque == 0.0, 'the motor torque is zero')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of nodes that are processes; test_ros_refused_start.py has the kinds of refusals."""
+"""Parameters of nodes as processes; test_ros_refused_start.py tests the kinds of refusals."""
 import pytest
 
 from ballbot_ros.ros.run import EXIT_REFUSED
@@ -15,7 +15,7 @@ def test_a_refusal_is_one_line(graph, name, parameters, value):
     assert '[FATAL]' in line and value in line
 
 
-def test_a_parameter_file_is_followed(graph, tmp_path):
+def test_a_parameter_file_is_applied(graph, tmp_path):
     path = tmp_path / 'parameters.yaml'
     path.write_text("""
 /**:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages that no robot should act on: refused, counted by reason, and without effect."""
+"""Invalid messages are refused, counted by reason, and without effect."""
 from itertools import cycle
 import math
 
@@ -16,7 +16,7 @@ NAN, INF = math.nan, math.inf
 
 
 def publish_until_counted(graph, name, topic, **messages):
-    """Publish one bad message per reason until the node has counted each of the reasons."""
+    """Publish one bad message per reason until the node has counted each reason."""
     wanted = {reason.rstrip('_0123456789') for reason in messages}
     graph.publish_until(lambda: wanted <= set(graph.refusals(name)), f'{name} counts {wanted}',
                         topic, *messages.values())
@@ -56,7 +56,7 @@ def test_bad_commands_are_counted_and_do_not_move_the_robot(graph):
                             effort=[0.125], stamp=to_seconds(states[-1].header.stamp)))
 
 
-def test_command_that_came_too_late_to_be_next_is_out_of_order(graph):
+def test_a_command_older_than_the_last_is_out_of_order(graph):
     states = graph.subscribe('ball_state', BallState)
     graph.start('simulator', scene='flat', start_paused=True)
     graph.wait_until_connected(states)
@@ -70,7 +70,7 @@ def test_command_that_came_too_late_to_be_next_is_out_of_order(graph):
     assert states[-1].pendulum_torque == 0.5
 
 
-def test_bad_set_points_and_readings_leave_the_torque_as_it_was(graph):
+def test_bad_set_points_and_readings_leave_the_torque_unchanged(graph):
     commands = graph.subscribe('joint_commands', JointState)
     graph.start('controller', set_point_timeout=0.0)
     state = dict(name=['shell', 'pendulum'], velocity=[0.0, 0.0])
@@ -102,7 +102,7 @@ def test_bad_set_points_and_readings_leave_the_torque_as_it_was(graph):
     assert {command.effort[0] for command in commands} == {0.0}
     assert 'Traceback' not in graph.log('controller')
     graph.publish_until(lambda: graph.values('controller')['mode'] == 'hold',
-                        'a good one is taken', 'set_point', graph.joint(position=[0.5]))
+                        'a valid one is accepted', 'set_point', graph.joint(position=[0.5]))
 
 
 def odometry(stamp, x=0.0, speed=0.2):
@@ -113,7 +113,7 @@ def odometry(stamp, x=0.0, speed=0.2):
     return message
 
 
-def sight(stamp, **changes):
+def observation_at(stamp, **changes):
     fields = {'detected': True, 'distance': 1.4, 'height': 0.015, 'distance_sd': 0.01,
               'height_sd': 0.001, **changes}
     message = StepObservation(**fields)
@@ -143,19 +143,19 @@ def test_bad_observations_stop_the_robot_with_their_reason(graph, planner, good_
     stamp = 0.0
 
     def ask(observation=None, **motion):
-        """Return decision and set angle for one observation, or for none."""
+        """Return decision and set angle after one observation, or after none."""
         nonlocal stamp
         stamp += 0.02 if observation is not None else 0.7
         motions.publish(odometry(stamp, **motion))
         if observation is not None:
-            observations.publish(sight(stamp, **observation))
+            observations.publish(observation_at(stamp, **observation))
         for messages in (decisions, points):
             graph.wait(lambda got=messages: got and got[-1].header.stamp == to_time(stamp),
-                       f'what is at {stamp} s is decided')
+                       f'a decision at {stamp} s')
         return decisions[-1].decision, decisions[-1].reason, points[-1].position[0]
 
     def approve():
-        """Ask until a search for plans has ended, which takes several decisions."""
+        """Call `ask` until the search for plans has ended, which takes several decisions."""
         answers = []
         while good not in answers:
             answers.append(ask({})[:2])
@@ -166,13 +166,13 @@ def test_bad_observations_stop_the_robot_with_their_reason(graph, planner, good_
     good = StepDecision.DECISION_CROSS, good_reason
     approve()
     for name, (change, reason) in BAD.items():
-        for _ in range(3):  # one or two rejected observations count as lost
+        for _ in range(3):  # one or two refused observations count as missing
             decision, why, angle = ask(change)
         assert (decision, why) == (StepDecision.DECISION_STOP, reason), name
-        assert angle < 0.0, name  # it brakes
+        assert angle < 0.0, name  # braking
         assert decisions[-1].speed == 0.0 and decisions[-1].explanation
         approve()
-    for _ in range(3):  # a step before the known one
+    for _ in range(3):  # before the mapped one
         decision = ask({'distance': 0.7, 'height': 0.031})[0]
     assert decision != StepDecision.DECISION_CROSS and decisions[-1].distance < 0.8
     approve()
@@ -180,7 +180,7 @@ def test_bad_observations_stop_the_robot_with_their_reason(graph, planner, good_
         StepDecision.DECISION_STOP, StepDecision.REASON_BAD_OBSERVATION, 0.0)
     assert ask({}, x=INF)[:2] == (StepDecision.DECISION_STOP, StepDecision.REASON_BAD_OBSERVATION)
     approve()
-    # Odometry goes on, and observations do not.
+    # Odometry continues, observations stop.
     assert ask()[:2] == (StepDecision.DECISION_STOP, StepDecision.REASON_STALE)
     graph.wait_for_health('obstacle_decision', diagnostics.WARN)
     assert graph.end('obstacle_decision') == 0

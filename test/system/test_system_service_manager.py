@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bridge that systemd has started, from its start to its end."""
+"""A bridge that systemd runs: notifications from its start to its end."""
 import signal
 import socket
 import time
@@ -11,7 +11,7 @@ from waiting import TIMEOUT
 
 @pytest.fixture
 def systemd(tmp_path, monkeypatch):
-    """Return the socket of a service manager that waits a second for a sign of life."""
+    """Return the socket of a service manager with a watchdog of 1 s."""
     address = tmp_path / 'notify'
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as found:
         found.bind(str(address))
@@ -21,8 +21,8 @@ def systemd(tmp_path, monkeypatch):
         yield found
 
 
-# Before the graph, whose processes have the environment of its beginning.
-def test_systemd_is_notified_of_the_start_the_life_and_the_end_of_a_bridge(
+# Before the graph, whose processes get the environment at its creation.
+def test_systemd_is_notified_of_start_watchdog_and_end_of_a_bridge(
         systemd, graph, motor, hardware):
     states = []
     deadline = time.monotonic() + TIMEOUT
@@ -31,13 +31,13 @@ def test_systemd_is_notified_of_the_start_the_life_and_the_end_of_a_bridge(
         assert time.monotonic() < deadline, states
         states.append(systemd.recv(4096).decode())
     graph.start('bridge', hardware=hardware(), port=motor.path, control='direct')
-    # It is notified ten times a second: an e-stop that is released sooner is not reported.
+    # Notifications come at 10 Hz: an e-stop that is released earlier is not reported.
     while 'STATUS=e-stop: engaged at start' not in states:
         receive()
     run = Driving(graph, motor)
     run.release()
     run.pull()
-    # There are no commands while this test listens, so that it may have timed out by then.
+    # No commands are published while this test receives, so the commands may have timed out.
     released = {'STATUS=running', 'STATUS=commands timed out'}
     while not ('READY=1' in states and released & set(states) and states.count('WATCHDOG=1') > 3):
         receive()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pause, resume, step and reset, in each way that time can pass."""
+"""Pause, resume, step and reset in each mode of simulated time."""
 from nav_msgs.msg import Odometry
 import pytest
 
@@ -13,7 +13,7 @@ WAYS = {
     'lockstep': {'real_time_factor': 0.0, 'lockstep': True},
     'lockstep in real time': {'real_time_factor': 1.0, 'lockstep': True},
 }
-# A ball that rolls from the start: whether it is back there can be seen.
+# A ball that rolls from the start, so that a reset is visible.
 ROLLING = """
 robot: gimball
 initial: {x: 0.25, speed: 0.5}
@@ -23,7 +23,7 @@ duration: 1.0
 
 @pytest.fixture
 def rolling(tmp_path):
-    """Return the scene file of a ball that rolls."""
+    """Return the scene file of a rolling ball."""
     path = tmp_path / 'rolling.yaml'
     path.write_text(ROLLING)
     return path
@@ -38,7 +38,7 @@ def test_time_is_paused_stepped_reset_and_resumed(graph, rolling, way):
     graph.wait_until_connected(states)
     assert {to_seconds(state.header.stamp) for state in states} == {0.0}
 
-    # Exactly that number of periods, also right after one another.
+    # Exactly that number of periods, also in immediate succession.
     assert [round(500 * graph.step(periods)) for periods in (1, 50, 0, 9)] == [1, 51, 52, 61]
     graph.wait_for_time(states, 61 / 500)
     assert sorted({round(500 * to_seconds(state.header.stamp)) for state in states}) == [
@@ -56,13 +56,13 @@ def test_time_is_paused_stepped_reset_and_resumed(graph, rolling, way):
     assert graph.end('simulator') == 0
 
 
-def test_step_and_resume_say_why_not(graph, rolling):
+def test_refused_steps_and_resumes_are_explained(graph, rolling):
     graph.start('simulator', scene=rolling, lockstep=True)
     refused = graph.request('step', periods=1)
     assert not refused.success and 'call ~/pause first' in refused.message
     graph.trigger('pause')
 
-    # No node answers the states, so this step lasts until something ends it.
+    # No node answers the states, so this step lasts until another request ends it.
     unfinished = graph.call_async('step', periods=5)
     graph.wait(lambda: 'not paused' in graph.request('step', periods=1).message,
                'the first step has started')
@@ -73,8 +73,8 @@ def test_step_and_resume_say_why_not(graph, rolling):
     assert graph.end('simulator') == 0
 
 
-def test_a_run_that_fails_goes_silent_says_why_and_can_be_reset(graph, tmp_path):
-    # So heavy a fall onto so soft a ground puts the centre of the ball below it.
+def test_a_failed_run_stops_publishing_reports_why_and_can_be_reset(graph, tmp_path):
+    # After this fall onto soft ground, the centre of the ball is below the ground.
     scene = tmp_path / 'fall.yaml'
     scene.write_text('robot: gimball\nrobot_changes: {contact_stiffness: 500.0}\n'
                      'initial: {y: 1.0, velocity_y: -10.0}\nduration: 1.0\n')
@@ -99,5 +99,5 @@ def test_a_run_that_fails_goes_silent_says_why_and_can_be_reset(graph, tmp_path)
 
     graph.trigger('reset')
     graph.wait(lambda: states and states[-1].y == 1.0, 'the ball is back')
-    assert graph.step(5) == pytest.approx(0.01)  # time starts again, too
+    assert graph.step(5) == pytest.approx(0.01)  # time restarts, too
     graph.wait_for_health('simulator', diagnostics.OK)

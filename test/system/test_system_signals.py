@@ -20,7 +20,7 @@ def end_all(graph, number):
 
 
 @pytest.mark.parametrize('number', SIGNALS)
-def test_while_waiting_for_others(graph, number):
+def test_signals_end_nodes_that_wait_for_others(graph, number):
     graph.start('simulator', lockstep=True, start_paused=True)
     graph.start('controller')
     graph.start('obstacle_decision')
@@ -30,15 +30,15 @@ def test_while_waiting_for_others(graph, number):
 
 
 @pytest.mark.parametrize('number', SIGNALS)
-def test_while_waiting_in_lockstep_for_an_answer(graph, number):
+def test_signals_end_a_simulator_that_waits_for_a_command(graph, number):
     states = graph.subscribe('joint_states', JointState)
     graph.start('simulator', lockstep=True)
-    graph.wait(lambda: states, 'the simulator asks')
+    graph.wait(lambda: states, 'the simulator publishes')
     assert graph.end('simulator', number) == 0
     assert 'Traceback' not in graph.log('simulator')
 
 
-def test_while_a_step_waits(graph):
+def test_a_signal_ends_a_simulator_during_a_step(graph):
     graph.start('simulator', lockstep=True, start_paused=True)
     graph.trigger('reset')
     unfinished = graph.call_async('step', periods=5)
@@ -48,12 +48,12 @@ def test_while_a_step_waits(graph):
 
 
 @pytest.mark.parametrize('number', SIGNALS)
-def test_while_all_are_busy(graph, number):
+def test_signals_end_busy_nodes(graph, number):
     states = graph.subscribe('joint_states', JointState)
     graph.start('simulator', lockstep=True, real_time_factor=0.0)
     graph.start('controller')
     graph.start('obstacle_decision')
     graph.wait_for_time(states, 0.1)
-    graph.wait_for_log('obstacle_decision', 'running with')  # it may be importing yet
+    graph.wait_for_log('obstacle_decision', 'running with')  # it may still be importing
     graph.add_load(4)
     end_all(graph, number)

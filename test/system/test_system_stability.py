@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The loop that the controller refuses really does diverge, on real topics."""
+"""The loop that the controller refuses diverges on real topics."""
 from itertools import pairwise
 
 import pytest
@@ -11,7 +11,7 @@ from ballbot_ros.ros.message_bytes import command_bytes
 
 
 def hold(graph, gimball, rate, seconds):
-    """Let law (11) hold 30 degrees without asking whether it can; return what happened."""
+    """Hold 30 degrees by law (11) without the check of stability; return the recorded values."""
     law = PendulumController(gimball, load_tuning('published'))
     law.give(SetPoint(Mode.HOLD, 0.5))
     torques, angles, states = [], [], []
@@ -33,7 +33,7 @@ def hold(graph, gimball, rate, seconds):
     return torques, angles
 
 
-def test_published_gains_rattle_at_100_hertz(graph, gimball):
+def test_published_gains_oscillate_at_100_hertz(graph, gimball):
     torques, _ = hold(graph, gimball, 100.0, 1.0)
     late = torques[-50:]
     # Full torque in alternating directions, indefinitely.

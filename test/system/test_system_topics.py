@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who receives what: quality of service, late joiners, namespaces."""
+"""Delivery of messages: quality of service, late subscribers, namespaces."""
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
@@ -12,14 +12,14 @@ BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def test_subscribers_that_ask_for_less_receive_and_mismatches_are_logged_by_name(graph):
+def test_subscribers_with_weaker_qos_receive_and_mismatches_are_logged_by_name(graph):
     received = {topic: graph.subscribe(topic, kind, BEST_EFFORT) for topic, kind in (
         ('joint_states', JointState), ('ball_state', BallState),
         ('terrain_observation', TerrainObservation), ('/clock', Clock))}
     graph.node.create_publisher(JointState, 'joint_commands', BEST_EFFORT)
     graph.subscribe('odom', Odometry, LATCHED)
     graph.start('simulator', scene='flat')
-    graph.wait(lambda: all(received.values()), 'all is received')
+    graph.wait(lambda: all(received.values()), 'all messages arrive')
     graph.wait_for_log('simulator', '/simulator cannot receive /joint_commands from /test')
     graph.wait_for_log('simulator', '/test cannot receive /odom from /simulator')
 
@@ -31,13 +31,13 @@ def test_a_late_subscriber_still_receives_the_last_decision(graph):
     graph.wait_until_connected(early)
     assert graph.end('simulator') == 0
     late = graph.subscribe('step_decision', StepDecision, qos.LATCHED)
-    graph.wait(lambda: late, 'the late one receives it')
-    # As text, for NaN is not equal to itself.
+    graph.wait(lambda: late, 'the late subscriber receives it')
+    # As text, because NaN is not equal to itself.
     assert list(map(str, late)) == list(map(str, early[-1:]))
     assert late[0].height > 0.0
 
 
-def test_in_a_namespace_they_find_each_other_and_the_clock_is_for_all(graph):
+def test_nodes_in_a_namespace_connect_and_share_the_global_clock(graph):
     place = ('--ros-args', '-r', '__ns:=/left')
     states = graph.subscribe('left/ball_state', BallState)
     clocks = graph.subscribe('/clock', Clock)

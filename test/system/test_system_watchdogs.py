@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What happens when a node dies, comes too rarely or comes back: nothing dangerous."""
+"""Nodes that die, publish too rarely or restart cause no dangerous torque."""
 import re
 
 import pytest
@@ -15,12 +15,12 @@ def test_torque_ends_within_its_timeout_when_the_controller_is_killed(graph):
     commands = graph.subscribe('joint_commands', JointState)
     graph.start('controller', set_point_timeout=0.0, tuning='gentle')
     graph.start('simulator', scene='flat', ball_state_rate=500.0, command_timeout=0.1)
-    # Held at an angle, gravity asks for a torque all the time.
+    # A pendulum held at an angle needs a constant torque against gravity.
     graph.publish_until(lambda: commands and states and states[-1].pendulum_torque > 0.3,
-                        'the motor pulls',
+                        'a torque',
                         'set_point', graph.joint(position=[0.5]))
     graph.kill('controller')
-    graph.wait(lambda: states[-1].pendulum_torque == 0.0, 'the torque is gone')
+    graph.wait(lambda: states[-1].pendulum_torque == 0.0, 'the torque is zero')
     graph.wait_for_log('simulator', 'no command for 0.1 s at t =')
     assert 'torque is 0; is the controller running?' in graph.log('simulator')
     graph.trigger('pause')
@@ -32,40 +32,40 @@ def test_torque_ends_within_its_timeout_when_the_controller_is_killed(graph):
 
     graph.trigger('resume')
     graph.start('controller', set_point_timeout=0.0, tuning='gentle')
-    graph.publish_until(lambda: states[-1].pendulum_torque > 0.1, 'the next controller pulls',
+    graph.publish_until(lambda: states[-1].pendulum_torque > 0.1, 'torque of the next one',
                         'set_point', graph.joint(position=[0.5]))
 
 
-def test_controller_takes_its_torque_back_when_the_states_stop(graph):
+def test_the_controller_commands_zero_when_the_states_stop(graph):
     commands = graph.subscribe('joint_commands', JointState)
     graph.start('controller', set_point_timeout=0.0)
     graph.start('simulator', scene='flat')
-    graph.publish_until(lambda: commands and commands[-1].effort[0] > 0.3, 'the motor pulls',
+    graph.publish_until(lambda: commands and commands[-1].effort[0] > 0.3, 'a torque',
                         'set_point', graph.joint(position=[0.5]))
     graph.wait_for_time(commands, 0.5)
     assert graph.end('simulator') == 0
-    graph.wait(lambda: commands[-1].effort[0] == 0.0, 'the controller gives up')
+    graph.wait(lambda: commands[-1].effort[0] == 0.0, 'the controller commands zero')
     graph.wait_for_log('controller', 'no joint state for 0.1 s: torque is 0')
     graph.wait_for_health('controller', diagnostics.WARN, 'joint_states stopped')
 
-    # Another simulation begins at time 0: the controller must not take it for the old one.
+    # Another simulation starts at time 0: the controller must detect it.
     graph.start('simulator', scene='flat', start_paused=True)
     while 'time went back' not in graph.log('controller'):
         graph.spin(0.1)
         graph.step(1)
     graph.trigger('resume')
-    graph.publish_until(lambda: commands[-1].effort[0] > 0.3, 'the motor pulls again',
+    graph.publish_until(lambda: commands[-1].effort[0] > 0.3, 'the motor applies a torque again',
                         'set_point', graph.joint(position=[0.5]))
 
 
-def test_states_that_come_too_rarely_get_no_torque(graph):
+def test_states_at_a_low_rate_get_no_torque(graph):
     commands = graph.subscribe('joint_commands', JointState)
     graph.start('controller')
     graph.start('simulator', scene='flat', control_rate=200.0)
-    # The first two to arrive need not be neighbours on a busy machine: 100 Hz, 67 Hz and so on.
+    # On a busy machine the first two received may not be consecutive: 100 Hz, 67 Hz and so on.
     (rate,) = graph.wait(lambda: re.findall(
         r'arrive at (\d+) Hz and these gains need 275 Hz', graph.log('controller'))[:1],
-        'the controller says how rarely states come')
+        'the controller reports the rate of the states')
     assert int(rate) in {round(200.0 / number) for number in range(1, 21)}
     commands.clear()
     graph.publish_until(lambda: len(commands) > 50, 'commands come', 'set_point',
@@ -75,7 +75,7 @@ def test_states_that_come_too_rarely_get_no_torque(graph):
 
 
 @pytest.mark.slow
-def test_decision_that_dies_on_the_way_is_replaced_and_nothing_is_guessed(graph, tmp_path):
+def test_a_decision_that_dies_during_an_approach_is_replaced_safely(graph, tmp_path):
     scene = tmp_path / 'two_steps.yaml'
     scene.write_text('robot: gimball\nterrain:\n  - flat: {length: 2.2}\n'
                      '  - step: {height: 0.031}\n  - flat: {length: 1.8}\n'
@@ -84,25 +84,25 @@ def test_decision_that_dies_on_the_way_is_replaced_and_nothing_is_guessed(graph,
     decisions = graph.subscribe('step_decision', StepDecision, qos.LATCHED)
     graph.start('controller')
     graph.start('obstacle_decision')
-    # A busy machine may lose every other state, and the controller then gives no torque, as it
-    # should: in lockstep none is lost.  Time does not wait for the decision, which may be missed.
+    # A busy machine may lose every other state, and the controller then correctly commands zero:
+    # in lockstep none is lost.  Time does not wait for the decision.
     graph.start('simulator', scene=scene, start_paused=True, lockstep=True)
     graph.wait_until_connected(states, decisions)
     graph.trigger('resume')
-    graph.wait(lambda: states[-1].velocity_x > 0.2, 'the ball is on its way')
+    graph.wait(lambda: states[-1].velocity_x > 0.2, 'the ball moves')
     graph.kill('obstacle_decision')
     graph.wait_for_log('controller', 'the pendulum is lowered')
     graph.wait(lambda: abs(states[-1].pendulum_angle) < 0.2, 'the pendulum hangs down')
-    graph.trigger('pause')  # or a busy machine would start the next one when all is over
+    graph.trigger('pause')  # or, on a busy machine, the next one would start after the run
     decisions.clear()
     graph.start('obstacle_decision')
     graph.wait(lambda: graph.log('obstacle_decision').count('ready to decide') == 2,
                'the new decision is ready')
     # Discovery takes real time, in which the ball must not reach the step.
     graph.wait(lambda: graph.step(1) and (graph.spin(0.1) or decisions),
-               'the new decision has decided')
+               'the new node publishes a decision')
     graph.trigger('resume')
-    # While plans are evaluated the ball may also be at rest, with the steps still ahead.
+    # The ball may also rest during an evaluation, before it reaches the steps.
     graph.wait(lambda: at_rest(states)
                and decisions[-1].decision == StepDecision.DECISION_GO_ROUND,
                'the ball has come to rest before the second step')
@@ -120,7 +120,7 @@ def test_decision_that_dies_on_the_way_is_replaced_and_nothing_is_guessed(graph,
             assert decision.reason == StepDecision.REASON_COMMITTED
     assert {decision.decision for decision in second} <= {StepDecision.DECISION_GO_ROUND}
     assert not any(abs(touch.x - 4.0) < 0.01 for state in states for touch in state.contacts)
-    # There was room enough; what was decided was done.
+    # The room sufficed, and the ball followed the decision.
     assert first[0].decision == StepDecision.DECISION_CROSS
     assert 2.2 < states[-1].x < 4.0 - 0.226
 
@@ -132,7 +132,7 @@ def at_rest(states):
 
 
 @pytest.mark.parametrize('victim', ['controller', 'obstacle_decision'])
-def test_a_signal_lowers_the_pendulum_before_the_end(graph, victim):
+def test_a_signal_lowers_the_pendulum_before_the_node_ends(graph, victim):
     commands = graph.subscribe('joint_commands', JointState)
     points = graph.subscribe('set_point', JointState)
     graph.start('controller')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A drive as it comes from its maker, and a person who sets it up with the tools of its vendor."""
+"""A drive in factory settings, and a person who configures it with the tools of its vendor."""
 from dataclasses import replace
 import re
 import shlex
@@ -15,8 +15,8 @@ from ballbot_ros.emulator.ball import PERIOD, settings_for
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.physics import load_scene
 
-EXTRA = 1.15  # the gear loses less than the file says
-# What a maker sends: no limits that suit a pendulum, no watchdog or a long one.
+EXTRA = 1.15  # ratio of actual to predicted torque: the gear loses less than in the file
+# Factory settings: limits too high for the pendulum, no watchdog or a long one.
 FRESH = {'odrive': {'quirks': ('factory',)},
          'odrive 0.6': {'quirks': ('factory',), 'firmware': '0.6'},
          'vesc': {'torque_limit': 10.0, 'current_limit': 60.0, 'watchdog': 1.0},
@@ -24,7 +24,7 @@ FRESH = {'odrive': {'quirks': ('factory',)},
 
 
 class Workshop:
-    """A drive as it comes from its maker, a hardware file for it, and a person with tools."""
+    """A drive in factory settings, its hardware file, and a person with tools."""
 
     def __init__(self, kind, folder, capsys):
         self.folder, self.capsys, self.complaint = folder, capsys, ''
@@ -37,12 +37,12 @@ class Workshop:
         self.ball = self.motor.ball = StoodBall(self.motor.ball, robot, PERIOD, EXTRA)
 
     def copy_file(self, **limits):
-        """Copy the hardware file of the package to my.yaml, as the page says."""
+        """Copy the hardware file of the package to my.yaml, as on the page."""
         write_hardware(self.folder / 'my.yaml', f'gimball_{self.protocol}', limits,
                        port=str(self.folder / 'motor'))
 
     def run(self, command):
-        """Run a command of the page that begins with ballbot; return exit code and output."""
+        """Run a ``ballbot`` command of the page; return exit code and output."""
         program, *words = shlex.split(command)
         assert program == 'ballbot'
         code = main(words)
@@ -50,7 +50,7 @@ class Workshop:
         return code, out
 
     def obey_doctor(self, command):
-        """Do what the doctor says until nothing is wrong; return how often it was asked."""
+        """Apply the remedies of the doctor until none remains; return the number of rounds."""
         for turn in range(6):
             code, out = self.run(command)
             wrong = re.findall(r'^WRONG  (.*)\n +-> (.*)$', out, re.M)
@@ -58,11 +58,11 @@ class Workshop:
             if code == 0:
                 return turn
             for what, remedy in wrong:
-                self.mend(what, remedy)
-        raise AssertionError(f'the doctor is never content:\n{out}')
+                self.apply_remedy(what, remedy)
+        raise AssertionError(f'the doctor still finds errors:\n{out}')
 
-    def mend(self, what, remedy):
-        """Do what a remedy says, with the tool that it names."""
+    def apply_remedy(self, what, remedy):
+        """Apply a remedy with the tool that it names."""
         done, device = remedy.split(' (')[0], self.motor.device
         if self.protocol == 'odrive':
             line = open_line('odrive', self.motor.path, self.motor.baud)

@@ -67,7 +67,7 @@ def test_messages_are_read_back_as_written(tmp_path):
     box.imu(ImuReading(4.75, 0.5, -1.25, 9.75))
     box.record('>', b'v 0 0 0.5\n')
     now[0] = 6.0
-    box.record('<', bytes(range(256)) * 80)  # longer than a record may be
+    box.record('<', bytes(range(256)) * 80)  # longer than the limit of a record
     box.event('größer', Level.LOG)
     box.refused('command', MessageError('too old', 'stale', 'stamp'))
     found = kept(box, tmp_path)
@@ -101,14 +101,14 @@ def test_the_file_is_mcap_with_ros_messages(tmp_path):
 
 
 @pytest.mark.parametrize('protocol', ['odrive', 'vesc', 'roboclaw'])
-def test_a_session_leaves_its_periods_commands_readings_and_traffic(protocol, tmp_path):
+def test_a_session_records_its_periods_commands_readings_and_traffic(protocol, tmp_path):
     robot = RecordedRobot(protocol).ready()
     begin = robot.now
     robot.run(0.5, 0.2)
     found = kept(robot.box, tmp_path)
     period = found.tables['period']
     last = period['time'] > begin
-    assert 200 < last.sum() < 600  # 500 Hz, with or without one more where nothing was measured
+    assert 200 < last.sum() < 600  # 500 Hz, with or without periods without a measurement
     estimate = robot.session.fusion.estimate.readings
     known = {name: column[~np.isnan(column)][-1] for name, column in period.items()}
     assert known['pendulum_angle'] == pytest.approx(estimate.pendulum_angle, rel=1e-6)
@@ -125,7 +125,7 @@ def test_a_session_leaves_its_periods_commands_readings_and_traffic(protocol, tm
 
 
 @pytest.mark.parametrize('kind', ['period', 'command', 'imu', 'drive', 'event', 'traffic'])
-def test_no_record_is_lost_where_a_block_ends(kind, tmp_path):
+def test_no_record_is_lost_at_the_end_of_a_block(kind, tmp_path):
     robot = RecordedRobot()
     box, supervisor = BlackBox(), robot.session.supervisor
     number = 4000 if kind != 'drive' else 7000
@@ -155,7 +155,7 @@ def test_no_record_is_lost_where_a_block_ends(kind, tmp_path):
         assert (column - column[0]).tolist() == pytest.approx(list(range(number)))
 
 
-def test_memory_is_bounded_however_long_it_runs(monkeypatch):
+def test_memory_is_bounded_for_any_duration(monkeypatch):
     monkeypatch.setattr(ring, 'MOST_BLOCKS', 16)
     box = BlackBox()
     for _ in range(40_000):
@@ -166,7 +166,7 @@ def test_memory_is_bounded_however_long_it_runs(monkeypatch):
     assert sum(sys.getsizeof(block.obj) for block in blocks) < 16 * (ring.BLOCK + 100)
 
 
-def test_the_bound_of_the_memory_is_that_of_the_documents():
+def test_the_bound_of_the_memory_matches_the_documents():
     assert ring.BLOCK * ring.MOST_BLOCKS == 96 * 2**20
 
 
@@ -181,7 +181,7 @@ def test_messages_older_than_ten_minutes_are_dropped():
     assert 0.0 <= 2000.0 - ring.SPAN - first < 10.0  # a block is 6.5 s here
 
 
-def test_threads_do_not_spoil_each_others_records(tmp_path):
+def test_threads_do_not_corrupt_the_records_of_each_other(tmp_path):
     box = BlackBox()
 
     def write(number):
@@ -209,7 +209,7 @@ def test_a_manual_e_stop_is_not_a_fault(tmp_path):
 
 
 @pytest.mark.parametrize('rearm', [False, True])
-def test_a_drive_that_is_lost_is_one(rearm, tmp_path):
+def test_the_loss_of_a_drive_is_a_fault(rearm, tmp_path):
     robot = RecordedRobot(rearm=rearm).ready()
     robot.run(0.1, 0.2)
     robot.plugged = False
@@ -221,7 +221,7 @@ def test_a_drive_that_is_lost_is_one(rearm, tmp_path):
     assert robot.box.take_fault() is None and not robot.box.faulted.is_set()
 
 
-def test_a_drive_that_is_lost_without_power_is_one_too():
+def test_the_loss_of_a_drive_without_power_is_a_fault():
     robot = RecordedRobot()
     robot.session.configure()
     robot.run(0.1)
@@ -230,7 +230,7 @@ def test_a_drive_that_is_lost_without_power_is_one_too():
     assert robot.box.take_fault()[1].startswith('drive lost')
 
 
-def test_a_runaway_is_one():
+def test_a_runaway_is_a_fault():
     robot = RecordedRobot().ready()
     robot.session.supervisor.trigger(
         EStop(StopReason.RUNAWAY, 'runaway: the joint rotates at 99 rad/s'))
@@ -238,7 +238,7 @@ def test_a_runaway_is_one():
     assert robot.box.take_fault()[1] == 'e-stop: runaway: the joint rotates at 99 rad/s'
 
 
-def test_a_loop_that_fails_is_one():
+def test_an_error_in_the_loop_is_a_fault():
     robot = RecordedRobot().ready()
 
     def fail(report):
@@ -248,7 +248,7 @@ def test_a_loop_that_fails_is_one():
     assert "the loop ended: ZeroDivisionError('planted')" in robot.box.take_fault()[1]
 
 
-def test_a_release_that_is_refused_is_reported(tmp_path):
+def test_a_refused_release_is_recorded(tmp_path):
     robot = RecordedRobot().ready()
     robot.run(0.1, 0.2)
     robot.session.engage('x')
@@ -258,7 +258,7 @@ def test_a_release_that_is_refused_is_reported(tmp_path):
                for text in texts(robot.box, tmp_path))
 
 
-def test_a_refusal_that_comes_500_times_a_second_is_counted(tmp_path):
+def test_refusals_at_500_hz_are_counted(tmp_path):
     now = [0.0]
     box = BlackBox(lambda: now[0])
     for number in range(500):
@@ -269,14 +269,14 @@ def test_a_refusal_that_comes_500_times_a_second_is_counted(tmp_path):
     assert found[1].startswith('command refused: 50 too old (49 more')
 
 
-def test_files_are_written_after_a_fault_by_a_thread_of_their_own(tmp_path, monkeypatch):
+def test_a_separate_thread_writes_files_after_a_fault(tmp_path, monkeypatch):
     monkeypatch.setattr(dump, 'SHORTEST_PAUSE', 0.2)
     monkeypatch.setattr(dump, 'TIME_AFTER_FAULT', 0.05)
     box = BlackBox()
     files = BlackBoxFiles(box, tmp_path / 'new', {'hardware': 'mine'})
     box.event('the drive exploded', Level.FAULT)
     box.event('and then this')
-    assert not list(tmp_path.glob('new/*'))  # what follows is waited for
+    assert not list(tmp_path.glob('new/*'))  # the thread waits for the events that follow
     wait_until(lambda: files.written)
     path, = (tmp_path / 'new').glob('ballbot-*.mcap')
     found = read_black_box(path)
@@ -285,14 +285,14 @@ def test_files_are_written_after_a_fault_by_a_thread_of_their_own(tmp_path, monk
     assert [event.text for event in found.events] == ['the drive exploded', 'and then this']
     assert abs(found.fault_time - time.time()) < 10.0
     box.event('again', Level.FAULT)
-    files.close()  # does not wait for the pause between two files
+    files.close()  # without waiting for the pause between two files
     files.close()
     assert files.written == 2
     assert sorted(tmp_path.glob('new/*')) == sorted(tmp_path.glob('new/ballbot-*.mcap'))
 
 
 @pytest.mark.slow
-def test_the_same_fault_again_and_again_fills_no_disk(tmp_path, monkeypatch):
+def test_a_repeated_fault_does_not_fill_the_disk(tmp_path, monkeypatch):
     monkeypatch.setattr(dump, 'SHORTEST_PAUSE', 0.02)
     monkeypatch.setattr(dump, 'TIME_AFTER_FAULT', 0.0)
     box = BlackBox()
@@ -305,7 +305,7 @@ def test_the_same_fault_again_and_again_fills_no_disk(tmp_path, monkeypatch):
     files.close()
 
 
-def test_the_number_of_files_is_bounded_and_the_newest_stay(tmp_path):
+def test_the_number_of_files_is_bounded_and_the_newest_are_kept(tmp_path):
     box = BlackBox()
     (tmp_path / 'mine.txt').write_text('stays')
     names = [write_file(tmp_path, box, 0.0, '', {}) for _ in range(MOST_FILES + 3)]
@@ -313,7 +313,7 @@ def test_the_number_of_files_is_bounded_and_the_newest_stay(tmp_path):
     assert (tmp_path / 'mine.txt').exists()
 
 
-def test_a_folder_that_cannot_be_written_is_reported_and_stops_nothing(tmp_path, caplog):
+def test_an_unwritable_folder_is_reported_without_an_error(tmp_path, caplog):
     (tmp_path / 'file').write_text('')
     box = BlackBox()
     files = BlackBoxFiles(box, tmp_path / 'file', {})
@@ -346,7 +346,7 @@ def test_the_readable_part_of_a_truncated_file_is_returned(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_byte_that_is_wrong_costs_one_block_at_most(tmp_path):
+def test_a_corrupted_byte_loses_at_most_one_block(tmp_path):
     box = BlackBox()
     for number in range(3):
         for count in range(300):
@@ -355,7 +355,7 @@ def test_a_byte_that_is_wrong_costs_one_block_at_most(tmp_path):
     path = write_file(tmp_path, box, 0.0, 'why', {})
     whole = path.read_bytes()
     spoilt, refused = tmp_path / 'spoilt', 0
-    name = whole.index(b'lz4')  # samples, and each byte of the lengths around it
+    name = whole.index(b'lz4')  # samples, and each byte of the adjacent lengths
     for at in (*range(0, len(whole), 71), *range(name - 48, name + 16)):
         for bits in (0x55, 0xaa):  # one sets the sign of a length
             spoilt.write_bytes(whole[:at] + bytes([whole[at] ^ bits]) + whole[at + 1:])
@@ -366,7 +366,7 @@ def test_a_byte_that_is_wrong_costs_one_block_at_most(tmp_path):
             else:
                 assert len(found.events) in (0, 300, 600, 900)
                 assert found.damage or len(found.events) == 900
-    assert refused < 20  # those of the header
+    assert refused < 20  # errors in the header
 
 
 @pytest.mark.parametrize('content', [b'', b'no mcap', MCAP0_MAGIC])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Text, tables, capture and figure of the file of a black box."""
+"""Text, tables, capture and figure of a black-box file."""
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from ballbot_ros.paper import pulled_plug
 
 @pytest.fixture(scope='module')
 def recording():
-    """Return what is kept of a plug that is pulled."""
+    """Return the recording of an unplugged drive."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pulled_plug, 'UNPLUG_TIME', 1.5)
         patch.setattr(pulled_plug, 'END_TIME', 2.0)
@@ -29,13 +29,13 @@ def recording():
 
 @pytest.fixture
 def file(tmp_path):
-    """Return a file of a black box that has seen next to nothing."""
+    """Return a nearly empty black-box file."""
     box = BlackBox()
     box.event('a fault')
     return write_file(tmp_path / 'box', box, box.clock(), 'why', {})
 
 
-def test_the_second_before_the_fault_is_put_into_words(recording):
+def test_the_second_before_the_fault_is_summarized(recording):
     text = summary(recording)
     for expected in ('drive lost: the line was lost: the cable is out', 'pendulum angle',
                      'torque requested  -0.5 to', 'longest 2.0 ms', '2.0 ms before: torque',
@@ -45,7 +45,7 @@ def test_the_second_before_the_fault_is_put_into_words(recording):
     assert 'Damaged: a block' in summary(replace(recording, damage=('a block',)))
 
 
-def test_a_torque_that_went_on_after_the_fault_is_reported(recording):
+def test_a_torque_after_the_fault_is_reported(recording):
     period = dict(recording.tables['period'])
     later = period['time'] > recording.fault_time
     period['torque'] = np.where(
@@ -56,7 +56,7 @@ def test_a_torque_that_went_on_after_the_fault_is_reported(recording):
     assert 'not within the recorded time' in summary(replace(recording, tables=tables))
 
 
-def test_tables_have_times_from_the_fault_on(recording, tmp_path):
+def test_tables_have_times_relative_to_the_fault(recording, tmp_path):
     write_tables(recording, tmp_path)
     lines = (tmp_path / 'period.csv').read_text().splitlines()
     titles = lines[0].split(',')
@@ -72,7 +72,7 @@ def test_tables_have_times_from_the_fault_on(recording, tmp_path):
         tmp_path / 'events.csv').read_text()
 
 
-def test_the_traffic_is_a_capture_that_plays_back_into_a_driver(recording, tmp_path):
+def test_a_driver_can_replay_the_capture_of_the_traffic(recording, tmp_path):
     write_tables(recording, tmp_path)
     records = read_capture(tmp_path / 'traffic.txt')
     assert len(records) == len(recording.traffic) and records[0].time == 0.0
@@ -92,7 +92,7 @@ def test_the_figure_has_a_panel_for_each_quantity_and_a_line_for_each_fault(reco
     assert figure.axes[0].get_xlim()[0] == pytest.approx(-1.0)
 
 
-def test_events_without_end_leave_room_for_the_faults():
+def test_many_events_leave_space_for_the_faults():
     events = [RecordedEvent(float(number), Level.LOG, str(number)) for number in range(100)]
     events[50] = RecordedEvent(50.0, Level.EVENT, 'this')
     kept = chosen(events)
@@ -100,7 +100,7 @@ def test_events_without_end_leave_room_for_the_faults():
     assert kept == sorted(kept, key=lambda event: event.time)
 
 
-def test_a_line_of_the_log_that_repeats_an_event_is_left_out():
+def test_a_line_of_the_log_that_repeats_an_event_is_omitted():
     first = RecordedEvent(1.0, Level.EVENT, 'drive lost: the cable is out')
     repeated = RecordedEvent(1.01, Level.LOG, 'the cable is out')
     later = RecordedEvent(2.0, Level.LOG, 'the cable')
@@ -116,12 +116,12 @@ def test_a_repeated_event_is_reported_once_with_its_count():
         'cannot arm (8 times in 2.1 s)', 'stopped (8 times in 2.1 s)', 'cannot arm']
 
 
-def test_bytes_that_are_text_are_shown_as_such():
+def test_bytes_of_text_are_shown_as_text():
     assert _printable(b'c 0 0.1\nf 0\n') == repr('c 0 0.1\nf 0\n')
     assert _printable(bytes((2, 1, 4, 0x40, 0x84, 3))) == '02 01 04 40 84 03'
 
 
-def test_replay_prints_and_writes(file, tmp_path, capsys):
+def test_replay_prints_a_report_and_writes_files(file, tmp_path, capsys):
     assert main(['replay', str(file.parent), '--out', str(tmp_path / 'out'),
                  '--format', 'png']) == 0
     out = capsys.readouterr().out

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command as tests call it."""
+"""Fixtures that call the command."""
 import sys
 from types import SimpleNamespace
 
@@ -10,7 +10,7 @@ from ballbot_ros.cli import main
 
 @pytest.fixture
 def error_of(capsys):
-    """Return a function that returns the one line of a call that is refused."""
+    """Return a function that returns the single error line of a refused call."""
     def call(*words):
         assert main(words) == 2
         out, err = capsys.readouterr()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command line helps, and says what is wrong in one line."""
+"""The command line prints help, and reports an error in one line."""
 import argparse
 import contextlib
 import logging
@@ -28,7 +28,7 @@ def called(capsys, *words):
 def test_help_names_every_verb(capsys):
     code, out, err = called(capsys, '--help')
     assert code == 0 and err == ''
-    # A long name has its line for itself.
+    # A long name is alone on its line.
     assert all(re.search(rf'^    {verb}\s', out, re.M) for verb in VERBS)
 
 
@@ -40,7 +40,7 @@ def test_every_verb_has_help(capsys, verb):
 
 @pytest.mark.parametrize('verb', sorted(VERBS))
 def test_the_help_of_each_option_is_a_complete_phrase(verb):
-    """A newcomer reads one line of the help, not those around it: "of the robot" says nothing."""
+    """A user may read only one line of the help: "of the robot" would be incomplete."""
     parser = argparse.ArgumentParser()
     load_verb(verb).add_arguments(parser)
     for action in parser._actions:
@@ -69,14 +69,14 @@ def test_help_imports_nothing_heavy():
     begin = time.perf_counter()
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert time.perf_counter() - begin < 3.0  # 0.1 s; a machine under load gets its time
+    assert time.perf_counter() - begin < 3.0  # 0.1 s on an idle machine
 
 
-def test_version_is_that_of_the_package(capsys):
+def test_the_version_is_that_of_the_package(capsys):
     assert called(capsys, '--version') == (0, f'ballbot {__version__}\n', '')
 
 
-def test_no_verb_prints_help_and_fails(capsys):
+def test_a_call_without_a_verb_prints_help_and_fails(capsys):
     code, out, _ = called(capsys)
     assert code == 2 and 'simulate' in out
 
@@ -86,7 +86,7 @@ def test_no_verb_prints_help_and_fails(capsys):
     (['help', 'simulte'], 'simulte', None, 'simulate'),
     (['robots', 'gimbal'], 'robot', 'robots', 'gimball'),
     (['simulate', 'fig7_botom'], 'scene', 'scenes', 'fig7_bottom')])
-def test_a_misspelt_name_gets_the_nearest_one(words, field, kind, nearest, refusal):
+def test_a_misspelt_name_gets_a_suggestion(words, field, kind, nearest, refusal):
     error = refusal(*words)
     assert (error.reason, error.field) == ('unknown_name', field)
     known = set(VERBS) if kind is None else {path.stem for path in shipped_files(kind)}
@@ -100,10 +100,10 @@ def test_a_misspelt_name_gets_the_nearest_one(words, field, kind, nearest, refus
     (['simulate', 'flat', '--acuracy=1e-5'], '--acuracy', {'--accuracy'}),
     (['simulate', 'flat', '--version'], '--version', set()),
     (['simulate', 'flat', '--held'], '--held', set())])
-def test_a_misspelt_option_gets_the_nearest_one_if_any(words, misspelt, nearest, refusal):
+def test_a_misspelt_option_gets_a_suggestion_if_any(words, misspelt, nearest, refusal):
     error = refusal(*words)
     assert error.reason == 'usage'
-    # The message ends in the command that lists all options.
+    # The message ends with the command that lists all options.
     assert set(re.findall(r'--[\w-]+', str(error))) == {misspelt, *nearest, '--help'}
 
 
@@ -170,7 +170,7 @@ def test_demo_passes_its_options_on(replace_demo, tmp_path):
     assert main(['demo', '--out', str(tmp_path), '--view']) == 7
     assert given['watched'] and not given['real_time']
     given.clear()
-    (tmp_path / 'bag').mkdir()  # of a run before, which this one replaces
+    (tmp_path / 'bag').mkdir()  # of an earlier run, which this one replaces
     assert main(['demo', '--hardware', '--protocol', 'vesc', '--out', str(tmp_path),
                  '--overwrite']) == 8
     assert given == {'out': tmp_path, 'protocol': 'vesc', 'firmware': '', 'quiet': False,

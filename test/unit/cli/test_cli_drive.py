@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Driving by hand: keys, sticks, and a terminal that is always as it was before."""
+"""Manual driving by keys and sticks; the terminal settings are always restored."""
 import argparse
 from contextlib import suppress
 import io
@@ -18,15 +18,15 @@ from refusals import refused
 from ballbot_ros.cli.drive import (
     drive, Driving, FIRST_REPEAT_TIMEOUT, Gamepad, Keyboard, keys_of, line, REPEAT_TIMEOUT)
 
-UNUSED = 60  # numbers of terminals that other tests do not come to
+UNUSED = 60  # number of terminals, more than other tests use
 OPTIONS = argparse.Namespace(step=0.1, max_speed=0.6, hold=False, node='bridge')
 
 
 @pytest.fixture
 def terminal():
-    """Return the two ends of a terminal: where the user types, and what the command reads."""
-    # A bridge of another test that has lost its drive opens the number that it had again and
-    # again: take one that none has had.
+    """Yield the two ends of a terminal: the input of the user, and that of the command."""
+    # A bridge of another test that has lost its drive repeatedly opens the device that it had:
+    # use an unused number.
     pairs = [pty.openpty()]
     while int(os.ttyname(pairs[-1][1]).rpartition('/')[2]) < UNUSED:
         pairs.append(pty.openpty())
@@ -40,7 +40,7 @@ def terminal():
 
 
 class Robot(SimpleNamespace):
-    """Keeps what it is asked for, and types the next key after each."""
+    """Record the requests, and type the next key after each."""
 
     def __init__(self, terminal, *keys):
         super().__init__(speed=0.25, pendulum=0.5, decision='CROSS', e_stop=False, followers=1,
@@ -67,7 +67,7 @@ class Robot(SimpleNamespace):
 GRAPH = SimpleNamespace(spin=lambda seconds: None)
 
 
-def test_keys_change_the_speed_until_q_and_the_terminal_is_as_before(terminal, capsys):
+def test_keys_change_the_speed_until_q_and_the_terminal_is_restored(terminal, capsys):
     before = terminal.settings()
     robot = Robot(terminal, b'\x1b[A', b'\x1b[A', b'\x1b[B', b' ', b'e', b'R', b'q')
     with Keyboard(terminal.stream) as keyboard:
@@ -81,14 +81,14 @@ def test_keys_change_the_speed_until_q_and_the_terminal_is_as_before(terminal, c
         assert words in shown
 
 
-def test_ctrl_c_is_a_key_that_ends_as_q_does(terminal):
+def test_ctrl_c_ends_like_q(terminal):
     robot = Robot(terminal, b'\x1b[A', b'\x03')
     with Keyboard(terminal.stream) as keyboard:
         assert drive(OPTIONS, GRAPH, robot, keyboard) == 0
 
 
 @pytest.mark.parametrize('error', [RuntimeError('broken'), KeyboardInterrupt(), SystemExit(143)])
-def test_after_any_error_the_terminal_is_as_before(terminal, error):
+def test_the_terminal_is_restored_after_any_error(terminal, error):
     def fail():
         raise error
 
@@ -98,14 +98,14 @@ def test_after_any_error_the_terminal_is_as_before(terminal, error):
     assert terminal.settings() == before
 
 
-def test_nothing_is_asked_for_once_the_terminal_has_gone(terminal):
+def test_no_speed_is_requested_after_the_terminal_is_closed(terminal):
     robot = Robot(terminal, b'\x1b[A', lambda: os.close(terminal.master))
     with Keyboard(terminal.stream) as keyboard:
         assert drive(OPTIONS, GRAPH, robot, keyboard) == 1
     assert robot.asked == pytest.approx([0.0, 0.1])
 
 
-def test_keys_that_were_pressed_before_the_start_do_not_drive(terminal):
+def test_keys_pressed_before_the_start_are_ignored(terminal):
     os.write(terminal.master, b'\x1b[A' * 5 + b'\n')
     assert select.select([terminal.stream], [], [], 30.0)[0]
     robot = Robot(terminal, b'q')
@@ -115,13 +115,13 @@ def test_keys_that_were_pressed_before_the_start_do_not_drive(terminal):
 
 
 @pytest.mark.parametrize('stream', [io.StringIO(), None])
-def test_without_a_terminal_it_refuses(stream, tmp_path):
+def test_drive_without_a_terminal_is_refused(stream, tmp_path):
     with open(tmp_path / 'file', 'w') as file, refused('unavailable', 'terminal'):
         Keyboard(file if stream is None else stream)
 
 
 @pytest.mark.slow
-def test_the_command_stops_the_robot_and_restores_its_terminal_when_it_is_ended(terminal):
+def test_the_command_stops_the_robot_and_restores_the_terminal_at_its_end(terminal):
     before = terminal.settings()
     process = subprocess.Popen(
         [sys.executable, '-m', 'ballbot_ros.cli', 'drive'], stdin=terminal.stream,
@@ -146,7 +146,7 @@ def test_the_command_stops_the_robot_and_restores_its_terminal_when_it_is_ended(
     process.stdout.close()
 
 
-def test_speeds_are_whole_steps_within_the_largest():
+def test_speeds_are_multiples_of_the_step_within_the_limit():
     driving = Driving(0.1, 0.25)
     for _ in range(9):
         driving.press('up', 0.0)
@@ -160,7 +160,7 @@ def test_speeds_are_whole_steps_within_the_largest():
     assert driving.at(0.0) == 0.0
 
 
-def test_a_dead_man_stops():
+def test_the_robot_stops_when_a_held_key_is_released():
     driving = Driving(0.3, 0.6, hold=True)
     driving.press('up', 10.0)
     assert driving.at(10.0 + 0.9 * FIRST_REPEAT_TIMEOUT) == 0.3
@@ -189,7 +189,7 @@ def test_keys_are_distinguished_and_unknown_ones_ignored():
     assert keys_of(b'') == []
 
 
-def test_the_line_fits_the_terminal_and_marks_unknown_values():
+def test_the_status_line_fits_the_terminal_and_marks_unknown_values():
     text = line(0.0, None, None, '', None, 0, '', 200)
     assert 'no subscriber' in text and '-  m/s' in text and 'stop' not in text
     assert line(0.1, 0.1, 0.0, '', True, 1, 'e-stop:\nengaged', 200).endswith('e-stop: engaged')
@@ -242,7 +242,7 @@ def test_a_stick_has_a_dead_zone_and_keeps_its_range(value, part, monkeypatch):
 
 
 @pytest.mark.parametrize('devices, keys', [((), (304,)), (('/dev/input/event1',), (30,))])
-def test_no_gamepad_is_distinguished_from_none_that_may_be_read(devices, keys, monkeypatch):
+def test_a_missing_gamepad_is_distinguished_from_an_unreadable_one(devices, keys, monkeypatch):
     monkeypatch.setitem(sys.modules, 'evdev', fake_evdev([], devices=devices, keys=keys))
     with refused('unavailable', 'gamepad'):
         Gamepad()

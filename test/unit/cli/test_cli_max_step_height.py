@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ballbot max-step-height`` prints heights with errors, for people and for programs."""
+"""``ballbot max-step-height`` prints heights with errors as a table or as JSON."""
 import json
 import math
 
@@ -14,7 +14,7 @@ GIMBALL = load_robot('gimball')
 
 
 def answer(capsys, *words):
-    """Return what is printed with --json."""
+    """Return the parsed output of --json."""
     assert main(['max-step-height', '--json', *words]) == 0
     out, err = capsys.readouterr()
     assert err == ''
@@ -41,7 +41,7 @@ def test_json_is_a_list_of_speed_height_and_error_in_si(capsys):
     (['--actuation', 'velocity', '--friction-before', '0.4', '--friction-edge', '0.3',
       '--friction-behind', '0.2'], rolling(GIMBALL)(0.3),
      {'site': Site(0.0, 0.0, 0.4, 0.3, 0.2)})])
-def test_the_words_reach_the_search(capsys, words, actuation, rest):
+def test_the_options_are_passed_to_the_search(capsys, words, actuation, rest):
     found, = answer(capsys, '--speed', '0.3', '--scan', '0', '--accuracy', '1e-5', *words)
     assert found['max_height'] == max_step_height(
         GIMBALL, 0.3, actuation, accuracy=1e-5, **rest).height
@@ -54,7 +54,7 @@ def test_a_robot_may_be_a_file(capsys, tmp_path):
         == answer(capsys, '--speed', '0.6')
 
 
-def test_people_get_a_table_in_millimetres_that_shows_its_uncertainty(capsys):
+def test_the_table_is_in_millimetres_and_shows_the_uncertainty(capsys):
     words = ['--robot', 'shellball', '--attempts', 'any', '--speed', '3']
     assert main(['max-step-height', *words]) == 0
     out, _ = capsys.readouterr()
@@ -81,12 +81,12 @@ def test_people_get_a_table_in_millimetres_that_shows_its_uncertainty(capsys):
     (['--speed', '1', '--over', 'clear', '--clearance', '0'], 'out_of_range', 'clearance'),
     (['--speed', '1', '--robot', 'gimbal'], 'unknown_name', 'robot'),
     ([], 'usage', '--speed')])
-def test_a_mistake_is_refused(refuses, words, reason, field):
+def test_an_invalid_option_is_refused(refuses, words, reason, field):
     refuses(reason, field, 'max-step-height', *words)
 
 
 @pytest.mark.parametrize('words, reason, field', [
     (['--speed', '1', '--robot', 'shellball', '--actuation', 'held'], 'missing', 'law'),
     (['--speed', '3', '--actuation', 'voltage'], 'out_of_range', 'voltage')])
-def test_a_robot_that_cannot_do_it_is_refused(refuses, words, reason, field):
+def test_an_unsuitable_robot_is_refused(refuses, words, reason, field):
     refuses(reason, field, 'max-step-height', *words)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mistakes that would give a wrong result without an error are recognised and explained."""
+"""Mistakes that would silently give a wrong result are detected and explained."""
 import pytest
 
 from ballbot_ros.bridge.hardware_file import load_hardware
@@ -74,7 +74,7 @@ def test_every_shipped_file_is_of_its_kind(kind, load):
     (['fit-curve', '--speed', '0,2:0,8:6', '--out', 'x.yaml'], 'decimal_comma', '--speed',
      {'0.2:0.8:6'}),
     (['simulate', 'flat', '--duration', '0,5'], 'usage', '--duration', {'0.5'})])
-def test_a_decimal_comma_gets_the_number_to_write(
+def test_a_decimal_comma_gets_the_corrected_number(
         words, reason, field, written, refusal, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     error = refusal(*words)
@@ -104,7 +104,7 @@ def test_a_missing_folder_is_reported_before_it_is_created(tmp_path, capsys):
 
 
 def test_the_real_time_factor_excludes_compilation(tmp_path, monkeypatch):
-    """The clock stands still but for compilation, which takes 100 s."""
+    """The clock advances only during compilation, by 100 s."""
     seconds = {'now': 0.0, 'compiling': 0.0}
     monkeypatch.setattr('ballbot_ros.jit.compile_time', lambda: seconds['compiling'])
     monkeypatch.setattr(simulate, 'perf_counter', lambda: seconds['now'])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Templates load as they are written, and say of every key what it may be."""
+"""Templates load as written, and document every key."""
 from dataclasses import fields
 import re
 
@@ -24,7 +24,7 @@ LOADERS = {'robot': load_robot, 'scene': load_scene, 'hardware': load_hardware,
 
 
 @pytest.mark.parametrize('kind', LOADERS)
-def test_a_template_loads_as_it_is_written(kind, tmp_path, capsys):
+def test_a_template_loads_as_written(kind, tmp_path, capsys):
     path = tmp_path / 'mine.yaml'
     assert main(['new', kind, str(path)]) == 0
     loaded = LOADERS[kind](str(path))
@@ -32,7 +32,7 @@ def test_a_template_loads_as_it_is_written(kind, tmp_path, capsys):
     assert str(path) in capsys.readouterr().out
 
 
-def test_the_template_of_an_experiment_is_one(tmp_path):
+def test_the_template_of_an_experiment_is_valid(tmp_path):
     pytest.importorskip('rclpy')
     from ballbot_ros.experiments.file import load_experiment
     path = tmp_path / 'mine.yaml'
@@ -42,7 +42,7 @@ def test_the_template_of_an_experiment_is_one(tmp_path):
 
 
 @pytest.mark.parametrize('protocol', sorted(DRIVES))
-def test_the_template_of_hardware_is_that_of_its_drive(protocol, tmp_path):
+def test_the_template_of_hardware_matches_its_drive(protocol, tmp_path):
     path = tmp_path / 'mine.yaml'
     assert main(['new', 'hardware', str(path), '--protocol', protocol]) == 0
     mine = load_hardware(str(path))
@@ -50,14 +50,14 @@ def test_the_template_of_hardware_is_that_of_its_drive(protocol, tmp_path):
     assert mine.options().torque_limit > 0.0
 
 
-def test_a_template_has_the_numbers_of_the_robot_it_begins_with(tmp_path):
+def test_a_template_has_the_parameters_of_its_base_robot(tmp_path):
     path = tmp_path / 'mine.yaml'
     assert main(['new', 'robot', str(path), '--robot', 'shellball']) == 0
     assert load_robot(str(path)).digest == load_robot('shellball').digest
 
 
-def test_every_line_that_is_commented_out_loads_when_it_is_not(tmp_path):
-    """So that the file offers no name that it does not take."""
+def test_every_commented_line_is_valid_without_its_comment_mark(tmp_path):
+    """Every key of the file must be valid."""
     for kind, cls in (('tuning', ControlTuning), ('decision', DecisionTuning)):
         keys = {key for part in file_kinds.KINDS[kind]('x') for key in part.keys}
         assert keys == {item.name for item in fields(cls)}
@@ -82,7 +82,7 @@ def test_an_invalid_value_is_refused(words, reason, field, tmp_path, monkeypatch
     assert not list(tmp_path.iterdir())
 
 
-def test_a_file_that_is_there_is_kept(tmp_path, capsys):
+def test_an_existing_file_is_kept(tmp_path, capsys):
     path = tmp_path / 'mine.yaml'
     path.write_text('mine')
     assert main(['new', 'robot', str(path)]) == 2 and '--overwrite' in capsys.readouterr().err
@@ -91,7 +91,7 @@ def test_a_file_that_is_there_is_kept(tmp_path, capsys):
     assert load_robot(str(path)).name == 'mine'
 
 
-def test_the_scaling_in_the_template_of_a_robot_gives_a_similar_motion(tmp_path):
+def test_the_scaling_rules_in_the_template_of_a_robot_give_a_similar_motion(tmp_path):
     path = tmp_path / 'mine.yaml'
     assert main(['new', 'robot', str(path)]) == 0
     head = ' '.join(path.read_text().replace('#', ' ').split())
@@ -116,7 +116,7 @@ def test_each_line_of_the_template_of_a_floor_is_valid(tmp_path):
     path = tmp_path / 'two_rooms.yaml'
     assert main(['new', 'floor', str(path)]) == 0
     lines = path.read_text().split('\n')
-    # All features together, and the heights; a map would replace the walls.
+    # All features and heights together; a map would replace the walls.
     lines = [re.sub(r'^(\s*)# (?=- \{|   line|heights:|  [a-z]+: )', r'\1', line)
              for line in lines]
     Image.fromarray(np.zeros((4, 4), np.uint16)).save(tmp_path / 'heights.png')

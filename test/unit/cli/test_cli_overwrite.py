@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results are never replaced unless the user asks for it."""
+"""Results are replaced only on request."""
 from pathlib import Path
 import types
 
@@ -12,7 +12,7 @@ from ballbot_ros.cli.output import check_new_file, empty_folders_removed, result
 FLAT = ['simulate', 'flat', '--duration', '0.02', '--no-figures', '--quiet']
 
 
-def test_each_run_gets_a_folder_of_its_own(tmp_path, monkeypatch):
+def test_each_run_gets_a_new_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for _ in range(3):
         assert main(FLAT) == 0
@@ -22,7 +22,7 @@ def test_each_run_gets_a_folder_of_its_own(tmp_path, monkeypatch):
     assert len(list(Path('ballbot_output').iterdir())) == 3
 
 
-def test_a_folder_with_results_is_refused_before_the_work_unless_they_may_go(
+def test_a_folder_with_results_is_refused_before_the_run_unless_overwritten(
         tmp_path, monkeypatch, refuses, capsys):
     out = ['--out', str(tmp_path / 'mine')]
     assert main([*FLAT, *out]) == 0
@@ -33,12 +33,12 @@ def test_a_folder_with_results_is_refused_before_the_work_unless_they_may_go(
     (tmp_path / 'mine' / 'notes.txt').write_text('mine')
     assert main([*FLAT, *out, '--duration', '0.04', '--overwrite']) == 0
     assert (tmp_path / 'mine' / 'trajectory.csv').read_text() != before
-    # A picture of another run would mislead; what is not a result stays.
+    # Pictures of the replaced run are removed; files that are not results remain.
     assert not (tmp_path / 'mine' / 'strip.png').exists()
     assert (tmp_path / 'mine' / 'notes.txt').exists()
 
 
-def test_a_folder_with_other_things_in_it_is_taken(tmp_path):
+def test_a_folder_with_other_files_is_accepted(tmp_path):
     (tmp_path / 'notes.txt').write_text('mine')
     assert main([*FLAT, '--out', str(tmp_path)]) == 0
 
@@ -61,13 +61,13 @@ def test_three_demos_leave_three_folders(tmp_path, monkeypatch, replace_demo):
     assert [folder.name for folder in folders] == ['demo', 'demo_2', 'demo_3']
 
 
-def test_runs_at_the_same_time_get_folders_of_their_own(tmp_path):
+def test_simultaneous_runs_get_separate_folders(tmp_path):
     with empty_folders_removed():
         folders = [result_folder(None, tmp_path / 'a', ('x',), False) for _ in range(3)]
     assert [folder.name for folder in folders] == ['a', 'a_2', 'a_3']
 
 
-def test_nothing_is_left_of_work_that_is_given_up(tmp_path, monkeypatch):
+def test_abandoned_runs_leave_no_empty_folders(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path('given').mkdir()
     with empty_folders_removed():
@@ -76,12 +76,12 @@ def test_nothing_is_left_of_work_that_is_given_up(tmp_path, monkeypatch):
     assert list(tmp_path.rglob('*')) == [tmp_path / 'given']
 
 
-def test_a_folder_that_cannot_be_created_is_refused_before_the_work():
+def test_a_folder_that_cannot_be_created_is_refused_before_the_run():
     with refused('not_writable', '/proc/none/x'):
         result_folder(Path('/proc/none'), Path('a'), ('x',), False)
 
 
-def test_a_file_that_is_there_is_refused_unless_it_may_go(tmp_path):
+def test_an_existing_file_is_refused_unless_overwritten(tmp_path):
     check_new_file(tmp_path / 'new', False)
     (tmp_path / 'old').touch()
     with refused('exists', '--log'):

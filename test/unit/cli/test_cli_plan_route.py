@@ -57,7 +57,7 @@ def test_the_ramp_of_the_template_leads_to_the_level_of_the_template(capsys, tmp
     assert len(json.loads(capsys.readouterr().out)['segments']) == 3  # free, upper room, free
 
 
-def test_attempts_are_those_of_crossings(capsys):
+def test_attempts_are_printed_for_crossings_only(capsys):
     for goal, attempts in ((('3.0', '1.4'), 0), (('1.8', '5.5'), 2)):
         assert main(['plan-route', *FLAT[:5], *goal]) == 0
         assert capsys.readouterr().out.count('with a further attempt') == attempts

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All verbs take several numbers in one way; options and columns say what they are."""
+"""All verbs share a syntax for ranges; names of options and columns are consistent."""
 import re
 
 import pytest
@@ -12,7 +12,7 @@ from ballbot_ros.cli.options import read_numbers, read_values, read_varied
 from ballbot_ros.studies.sweep import SEARCHED_COLUMNS
 
 
-def test_a_range_includes_both_ends_and_as_many_as_it_says():
+def test_a_range_includes_both_ends_and_the_given_number_of_values():
     assert read_numbers(['0.2:0.4:5'], '--speed') == [0.2, 0.25, 0.3, 0.35, 0.4]
     assert read_numbers(['0.2:0.3:2', '7', '8,9'], '--speed') == [0.2, 0.3, 7.0, 8.0, 9.0]
     assert read_values('0.2:0.7', '--vary') == (0.2, 0.7)
@@ -32,7 +32,7 @@ def test_a_stride_and_a_malformed_range_are_refused(word, reason):
 
 @pytest.mark.parametrize('word, written', [
     ('0.2:1.2:0.05', ['0.2:1.2:21']), ('1:10:1', ['1:10:10']), ('0:1:0.3', [])])
-def test_a_stride_gets_its_count_where_it_has_one(word, written):
+def test_a_stride_is_answered_with_the_equivalent_count_if_any(word, written):
     with refused('out_of_range') as caught:
         read_values(word, '--speed')
     assert re.findall(r'[\d.]+:[\d.]+:[\d.]+', str(caught.value)) == [word, *written]
@@ -45,12 +45,12 @@ def test_a_number_without_name_or_value_is_refused(word):
     assert caught.value.field.startswith('--vary')
 
 
-def test_the_highest_step_has_one_name_in_all_results():
+def test_the_maximum_step_height_has_one_name_in_all_results():
     assert COLUMNS['height'] in SEARCHED_COLUMNS and 'height' not in SEARCHED_COLUMNS
 
 
 @pytest.mark.parametrize('verb', VERBS)
-def test_an_option_in_degrees_says_so_in_its_name(verb, capsys):
+def test_an_option_in_degrees_has_the_unit_in_its_name(verb, capsys):
     assert main([verb, '--help']) == 0
     text = capsys.readouterr().out
     options = re.findall(r'(--[\w-]+) DEGREES', text)
@@ -59,7 +59,7 @@ def test_an_option_in_degrees_says_so_in_its_name(verb, capsys):
         assert f'{word} ' not in text
 
 
-def test_help_of_a_verb_is_had_with_help_before_it_too(capsys):
+def test_help_before_the_verb_also_prints_the_help_of_the_verb(capsys):
     assert main(['help', 'simulate']) == 0
     text = capsys.readouterr().out
     assert main(['simulate', '--help']) == 0

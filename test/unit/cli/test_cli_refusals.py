@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What cannot be done is refused before any work, in one line and without a trace."""
+"""Impossible requests are refused before any work, in one line and without side effects."""
 import ctypes
 import os
 import signal
@@ -22,7 +22,7 @@ from ballbot_ros.paper.figures import FIGURES
     ['demo', '--house', '--out', '{}'],
     ['emulate-motor', '--protocol', 'vesc', '--log', '{}/x.csv'],
     ['calibrate-motor', '--out', '{}/x.yaml', '--port', '/dev/there_is_none']])
-def test_a_folder_that_is_a_file_is_refused_before_the_work(
+def test_a_file_in_place_of_a_folder_is_refused_before_the_run(
         words, tmp_path, refusal, monkeypatch, replace_demo):
     def work(*_, **__):
         pytest.fail('the work started before the refusal')
@@ -103,7 +103,7 @@ def test_an_impossible_option_is_named(words, reason, field, refuses):
     refuses(reason, field, *words)
 
 
-def test_a_file_of_the_user_is_not_taken_for_a_socket(tmp_path, refuses):
+def test_a_file_is_not_replaced_by_a_socket(tmp_path, refuses):
     (tmp_path / 'mine.txt').write_text('mine')
     refuses('exists', '--control', 'emulate-motor', '--protocol', 'vesc', '--control',
             tmp_path / 'mine.txt')
@@ -112,14 +112,14 @@ def test_a_file_of_the_user_is_not_taken_for_a_socket(tmp_path, refuses):
 
 @pytest.fixture
 def sigint(request):
-    """Have Ctrl-C raise KeyboardInterrupt: a test in the background of a shell ignores it."""
+    """Make SIGINT raise KeyboardInterrupt, which background processes of a shell ignore."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
 
 
 @pytest.fixture
 def verb_of(monkeypatch):
-    """Return a function that adds a verb, or replaces one, by what it runs."""
+    """Return a function that adds or replaces a verb, given its function `run`."""
     def add(name, run):
         monkeypatch.setitem(sys.modules, 'ballbot_ros.cli.other', types.SimpleNamespace(
             add_arguments=lambda parser: None, run=run))
@@ -128,7 +128,7 @@ def verb_of(monkeypatch):
 
 
 @pytest.mark.parametrize('pressed', [True, False])
-def test_ctrl_c_is_ctrl_c_also_where_an_extension_lost_its_exception(
+def test_ctrl_c_is_detected_even_if_an_extension_suppresses_its_exception(
         pressed, sigint, verb_of, capsys):
     def run(_):
         try:
@@ -167,7 +167,7 @@ def test_ctrl_c_within_a_callback_of_c_code_ends_the_run_quietly(sigint, verb_of
 
 @pytest.mark.parametrize('verb, code', [
     (verb, 0) for verb in sorted(command.UNTIL_CTRL_C)] + [('topics', 130)])
-def test_ctrl_c_is_the_normal_end_of_a_verb_that_has_no_other(verb, code, verb_of, capsys):
+def test_ctrl_c_is_the_normal_end_of_a_verb_without_another_end(verb, code, verb_of, capsys):
     def run(_):
         raise KeyboardInterrupt
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``ballbot simulate`` keeps its results, also after an interruption or an error."""
+"""``ballbot simulate`` keeps its results even after an interruption or an error."""
 import json
 import os
 from pathlib import Path
@@ -37,7 +37,7 @@ def test_a_run_leaves_numbers_and_figures(tmp_path, capsys):
     assert 'error' not in err
 
 
-def test_without_a_folder_files_go_beside_where_one_stands(tmp_path, monkeypatch):
+def test_without_a_folder_files_are_written_below_the_current_one(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(['simulate', 'fig7_top', '--no-figures', '--quiet']) == 0
     assert names(tmp_path / 'ballbot_output' / 'fig7_top') == NUMBERS
@@ -49,7 +49,7 @@ def test_one_format_of_figures_can_be_chosen(tmp_path):
     assert names(tmp_path) == NUMBERS | {'strip.svg', 'time_series.svg'}
 
 
-def test_json_is_alone_on_standard_output(tmp_path, capsys):
+def test_standard_output_contains_json_only(tmp_path, capsys):
     assert main(['simulate', 'fig7_top', '--out', str(tmp_path), '--no-figures',
                  '--json']) == 0
     out, err = capsys.readouterr()
@@ -117,7 +117,7 @@ def test_a_failed_run_keeps_its_results_so_far(tmp_path, capsys):
 
 
 def start_long_run(folder, **options):
-    # A shell that runs the tests in the background makes its children deaf to Ctrl-C.
+    # SIGINT is ignored if a shell runs the tests in the background.
     return subprocess.Popen(
         [*COMMAND, 'fig7_top', '--out', str(folder), '--duration', '2000', '--step', '1e-5',
          '--no-figures'],
@@ -145,7 +145,7 @@ def test_ctrl_c_keeps_the_results_so_far(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, 'openpty'), reason='needs a terminal')
-def test_a_terminal_gets_a_bar(tmp_path):
+def test_a_terminal_shows_a_progress_bar(tmp_path):
     master, slave = os.openpty()
     process = start_long_run(tmp_path, stdout=subprocess.DEVNULL, stderr=slave)
     os.close(slave)
@@ -160,7 +160,7 @@ def test_a_terminal_gets_a_bar(tmp_path):
 
 
 @pytest.mark.slow
-def test_animate_writes_a_gif_beside_the_other_files_or_at_a_given_path(tmp_path, capsys):
+def test_animate_writes_a_gif_with_the_other_files_or_at_a_given_path(tmp_path, capsys):
     words = ['simulate', 'fig7_top', '--duration', '0.2', '--no-figures', '--out',
              str(tmp_path / 'out')]
     assert main([*words, '--animate']) == 0
@@ -184,7 +184,7 @@ def test_an_invalid_animation_is_refused_before_the_run(refuses, tmp_path, words
     assert not (tmp_path / 'out').exists()
 
 
-def test_ctrl_c_while_animating_keeps_the_numbers_and_leaves_no_half_file(
+def test_ctrl_c_while_animating_keeps_the_numbers_and_leaves_no_partial_file(
         tmp_path, capsys, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt

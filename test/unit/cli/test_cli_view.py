@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verb ``view`` serves and ends, and refuses what it cannot serve before the work."""
+"""The verb ``view`` serves and ends, and refuses invalid input before it starts."""
 import socket
 import sys
 
@@ -42,14 +42,14 @@ def test_a_taken_port_is_refused(error_of):
                                           str(port), '--duration', '0.1')
 
 
-def test_it_serves_says_where_and_ends_by_itself(capsys):
+def test_view_prints_its_address_and_ends_by_itself(capsys):
     pytest.importorskip('viser')
     assert main(['view', 'flat', '--no-browser', '--port', '0', '--duration', '0.2']) == 0
     out, err = capsys.readouterr()
     assert out.startswith('http://127.0.0.1:') and out.count('\n') == 1 and 'Traceback' not in err
 
 
-def test_to_listen_beyond_this_machine_warns(capsys):
+def test_a_public_address_causes_a_warning(capsys):
     pytest.importorskip('viser')
     assert main(['view', 'flat', '--no-browser', '--quiet', '--host', '0.0.0.0', '--port', '0',
                  '--duration', '0.1']) == 0

@@ -17,7 +17,7 @@ from ballbot_ros.errors import ConfigurationError
 
 @dataclass(frozen=True)
 class Range(Checked):
-    """Two numbers of which one must be above the other."""
+    """Two numbers, of which `low` must be at most `high`."""
 
     low: float = quantity('m', 'lower end', minimum=0.0)
     high: float = quantity('m', 'upper end', default=1.0)
@@ -29,7 +29,7 @@ class Range(Checked):
                 f'Range: low must be at most high, got {self.low:g}', 'inconsistent', 'low')
 
 
-def test_a_file_of_ones_own_is_read_by_its_path(tmp_path):
+def test_a_custom_file_is_read_by_its_path(tmp_path):
     path = tmp_path / 'mine.yaml'
     path.write_text('low: 1e-1\n')
     assert load_config(Range, 'ranges', str(path)) == Range(0.1, 1.0)
@@ -71,7 +71,7 @@ def test_every_refusal_of_these_folders_has_a_reason_and_a_field():
     assert not lacking
 
 
-def test_a_value_carries_where_it_comes_from():
+def test_a_value_has_its_source():
     values, provenance = read_values(
         Range, {'low': {'value': 0.2, 'source': 'measured', 'range': [0.1, 0.3]}, 'high': 2}, 'x')
     assert values == {'low': 0.2, 'high': 2.0}
@@ -90,7 +90,7 @@ def test_numbers_are_those_of_yaml_1_2(text, value, tmp_path):
 
 @pytest.mark.parametrize('text', [
     '1' + 400 * '0', '9' * 5000, '5e-324', '1e400', '-1e999', '[' * 30000, '- ' * 30000 + 'a'])
-def test_values_that_no_reader_can_hold_are_refused(text, tmp_path):
+def test_unrepresentable_values_are_refused(text, tmp_path):
     (tmp_path / 'file.yaml').write_text(f'key:\n  {text}\n')
     with refused('unreadable'):
         read_yaml(tmp_path / 'file.yaml')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A demo whose bag has gaps says so, with the topic."""
+"""A demo reports gaps in its bag with their topic."""
 import pytest
 import yaml
 
@@ -26,7 +26,7 @@ def gaps(folder, recorded, lost=0):
     return found
 
 
-def test_repeated_messages_are_no_gap(recorded, tmp_path):
+def test_repeated_messages_are_not_a_gap(recorded, tmp_path):
     recorded['odom'] += [0, 10 * MS]
     assert gaps(tmp_path, recorded) == []
 
@@ -38,7 +38,7 @@ def test_a_missing_message_is_reported_with_topic_and_time(missing, recorded, tm
     assert 'joint_states' in found and f't = {missing / 1e3:.3f} s' in found
 
 
-def test_a_missing_topic_lacks_all_messages(recorded, tmp_path):
+def test_all_messages_of_a_missing_topic_are_reported(recorded, tmp_path):
     del recorded['odom']
     found, = gaps(tmp_path, recorded)
     assert 'odom' in found and '11 of 11' in found

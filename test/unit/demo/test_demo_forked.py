@@ -14,14 +14,14 @@ from ballbot_ros.demo.forked import detached, Forked
 TIMEOUT = 20.0
 
 
-def test_the_exit_code_of_the_work_is_that_of_the_process():
+def test_the_process_has_the_exit_code_of_its_function():
     process = Forked(lambda: 3)
     assert process.wait(TIMEOUT) == process.poll() == 3
-    process.send_signal(signal.SIGTERM)  # to no other process that has its number by now
+    process.send_signal(signal.SIGTERM)  # not to another process with a reused id
 
 
 @pytest.mark.slow
-def test_a_process_without_an_end_runs_until_a_signal():
+def test_an_endless_process_runs_until_a_signal():
     process = Forked(lambda: time.sleep(TIMEOUT) or 0)
     with pytest.raises(subprocess.TimeoutExpired):
         process.wait(1.0)
@@ -33,7 +33,7 @@ def test_a_process_without_an_end_runs_until_a_signal():
     assert deaf.wait(TIMEOUT) == -signal.SIGKILL
 
 
-def test_a_detached_one_has_name_arguments_environment_log_and_session_of_its_own(tmp_path):
+def test_a_detached_process_has_its_own_name_arguments_environment_log_and_session(tmp_path):
     def work():
         name = Path('/proc/self/comm').read_text().strip()
         found = name, sys.argv[1:], os.environ['COLOUR'], os.getsid(0) == os.getpid()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of several topics are taken in the order of their stamps."""
+"""Messages of several topics are processed in the order of their stamps."""
 from hypothesis import given, strategies as st
 import pytest
 from rclpy.serialization import serialize_message

@@ -17,7 +17,7 @@ from ballbot_ros.physics import load_scene
 from ballbot_ros.ros.conversions import to_time
 
 
-def test_with_nothing_of_ones_own_the_acts_are_those_of_the_readme():
+def test_the_default_cases_are_those_of_the_readme():
     assert list(demo_cases()) == list(CASES)
     assert [(case.planner, case.scene, case.expected) for case in demo_cases(planner='cubic')] == [
         ('cubic', 'voltage_start', (Expected.CROSSED,)), ('cubic', 'drop_on_slope', None)]
@@ -27,7 +27,7 @@ def test_with_nothing_of_ones_own_the_acts_are_those_of_the_readme():
     assert case == CASES[0]._replace(longest=12.0)
 
 
-def test_a_scene_of_ones_own_has_its_robot_and_a_curve_made_for_that():
+def test_a_custom_scene_has_its_robot_and_the_matching_curve():
     case, = demo_cases('household')
     assert case.expected is None and case.scene == 'household'
     assert (case.robot, case.curve, case.tuning) == ('gimball', 'gimball_down', 'published')
@@ -37,14 +37,14 @@ def test_a_scene_of_ones_own_has_its_robot_and_a_curve_made_for_that():
 
 @pytest.fixture
 def own_robot(tmp_path):
-    """Return the file of a robot for which there is no curve."""
+    """Return the file of a robot without a height curve."""
     path = tmp_path / 'mine.yaml'
     text = (config_folder() / 'robots' / 'gimball.yaml').read_text()
     path.write_text(text.replace('name: gimball', 'name: mine'))
     return str(path)
 
 
-def test_a_robot_without_a_curve_gets_the_command_to_run(own_robot):
+def test_a_robot_without_a_curve_is_refused_with_the_command_to_run(own_robot):
     with pytest.raises(ConfigurationError) as refusal:
         demo_cases(robot=own_robot)
     assert f'ballbot fit-curve --robot {own_robot} --actuation held' in str(refusal.value)
@@ -66,7 +66,7 @@ def test_a_robot_without_a_pendulum_and_gains_that_diverge_are_refused(monkeypat
         demo_cases('household')
 
 
-def test_carpets_and_cords_are_as_high_as_they_are_seen():
+def test_carpets_and_cords_have_their_observed_heights():
     assert [passage.name for passage in passages_of(load_scene('household'))] == [
         '6 mm step', '6 mm drop', '8 mm step', '8 mm drop', '10 mm step', '10 mm drop']
     assert [passage.name for passage in passages_of(load_scene('doorstep'))] == [
@@ -89,12 +89,12 @@ def test_a_run_without_expectations_is_reported_face_by_face(gimball):
         'had not come to rest after 2.0 s, at 1.80 m']
 
 
-# The e-stop in the demo of the hardware
+# The e-stop in the hardware demo
 
 
 @pytest.fixture
 def person(monkeypatch):
-    """Return who gets the robot going, with services that answer what `answers` has for them."""
+    """Return a controllable `GetGoing`, whose services reply with the texts of `answers`."""
     clock = SimpleNamespace(now=100.0)
     answers = {}
 
@@ -124,7 +124,7 @@ def test_an_e_stop_that_engages_by_itself_ends_the_demo_with_its_reason(person):
     person.answers.update({RELEASE: '', RESUME: ''})
     person.take(MotorStatus(e_stop='engaged at start'))
     assert person.poll(3.0) is None
-    person.take(MotorStatus(e_stop='engaged at start'))  # was on its way
+    person.take(MotorStatus(e_stop='engaged at start'))  # a delayed message
     assert person.poll(1.0) is None
     person.take(MotorStatus())
     assert person.poll(1.0) is None
@@ -155,10 +155,10 @@ def test_a_first_refusal_is_retried(person):
 
 @pytest.mark.parametrize('given, lockstep, factor', [
     ({}, True, 0.0), ({'real_time': True}, False, 1.0), ({'watched': True}, True, 1.0)])
-def test_a_viewer_sees_it_in_real_time_at_most_and_slower_where_that_is_too_fast(
+def test_a_viewed_demo_runs_at_most_in_real_time(
         tmp_path, monkeypatch, given, lockstep, factor):
     class Started(Exception):
-        """Takes the place of all that follows."""
+        """Raised in place of the graph."""
 
     def graph(folder, topics, timeline, nodes, metadata, domain):
         assert nodes['simulator'] == metadata

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page beside the demo begins before it, ends with it, and says why it cannot."""
+"""The page starts before the demo, ends with it, and reports why it cannot start."""
 import os
 import sys
 
@@ -12,7 +12,7 @@ from ballbot_ros.demo.page import page_beside
 
 @pytest.fixture
 def server(tmp_path, monkeypatch):
-    """Let a script take the place of the page, and return where it notes what became of it."""
+    """Replace the page by a script; return the file in which the script records its state."""
     script, note = tmp_path / 'page', tmp_path / 'note'
     script.write_text(
         f'#!{sys.executable}\nimport os, signal, sys, time\n'
@@ -27,7 +27,7 @@ def server(tmp_path, monkeypatch):
     return note
 
 
-def test_the_page_is_there_while_the_demo_runs_and_ends_with_it(server, capsys):
+def test_the_page_runs_during_the_demo_and_ends_with_it(server, capsys):
     with page_beside():
         assert 'http://127.0.0.1:8080' in capsys.readouterr().out
         assert server.read_text() == "['view', '--live'] in 17\n"
@@ -40,13 +40,13 @@ def test_the_page_ends_when_the_demo_fails(server):
     assert server.read_text().endswith('ended')
 
 
-def test_without_a_domain_the_page_and_the_demo_take_the_same(server, monkeypatch):
+def test_without_a_domain_page_and_demo_share_a_new_one(server, monkeypatch):
     monkeypatch.delenv('ROS_DOMAIN_ID')
     with page_beside(quiet=True):
         assert f'in {os.environ["ROS_DOMAIN_ID"]}\n' in server.read_text()
 
 
-def test_a_page_that_does_not_begin_is_said(server, tmp_path, monkeypatch):
+def test_a_page_that_does_not_start_is_reported(server, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, 'executable', '/bin/false')
     with refused('unavailable', '--view'), page_beside():
         pass

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes as processes: their command line, their surroundings and their end."""
+"""Nodes as processes: their command line, their environment and their end."""
 import os
 from pathlib import Path
 import signal
@@ -13,7 +13,7 @@ from ballbot_ros.demo.processes import environment, NodeProcesses, own_domain, p
 from ballbot_ros.ros import discovery
 
 
-def test_parameters_become_arguments_that_ros_reads():
+def test_parameters_become_ros_arguments():
     assert parameter_arguments({}) == []
     assert parameter_arguments({'lockstep': True, 'rate': 2.5, 'scene': 'flat'}) == [
         '--ros-args', '-p', 'lockstep:=true', '-p', 'rate:=2.5', '-p', 'scene:=flat']
@@ -21,7 +21,7 @@ def test_parameters_become_arguments_that_ros_reads():
         "firmware:='0.6'", "capture:=''"]
 
 
-def test_a_domain_that_is_given_is_used_and_else_one_of_ones_own(monkeypatch):
+def test_the_domain_is_the_given_one_or_a_private_one(monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', '42')
     assert own_domain() == 42
     monkeypatch.delenv('ROS_DOMAIN_ID')
@@ -30,7 +30,7 @@ def test_a_domain_that_is_given_is_used_and_else_one_of_ones_own(monkeypatch):
     assert 1 <= own_domain() <= 101
 
 
-def test_runs_of_one_and_of_several_processes_have_domains_of_their_own(monkeypatch):
+def test_runs_in_one_or_several_processes_have_separate_domains(monkeypatch):
     monkeypatch.delenv('ROS_DOMAIN_ID', raising=False)
     here = {own_domain(number) for number in range(3)}
     there = subprocess.run(
@@ -41,7 +41,7 @@ def test_runs_of_one_and_of_several_processes_have_domains_of_their_own(monkeypa
     assert int(there.stdout) not in here
 
 
-def test_nodes_stay_on_this_machine_and_settings_of_the_user_go_first(tmp_path, monkeypatch):
+def test_nodes_communicate_locally_unless_the_user_sets_otherwise(tmp_path, monkeypatch):
     for name in (*discovery.DISCOVERY_VARIABLES, *discovery.FAST_DDS_VARIABLES):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv('FASTDDS_DEFAULT_PROFILES_FILE', '/my/own.xml')
@@ -57,7 +57,7 @@ def test_nodes_stay_on_this_machine_and_settings_of_the_user_go_first(tmp_path, 
 def sleepers(tmp_path, monkeypatch):
     """Return processes that run small programs in place of the nodes."""
     programs = {
-        # Python leaves SIGINT ignored where it is so at the start, as in a shell's background.
+        # Python keeps SIGINT ignored if it is so at the start, as in a background shell.
         'polite': 'import signal, time; signal.signal(signal.SIGINT, signal.default_int_handler); '
                   'print("up", flush=True); time.sleep(60)',
         'deaf': 'import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); '
@@ -99,7 +99,7 @@ def test_a_process_that_does_not_end_is_killed(sleepers):
     assert sleepers.stop() == {}
 
 
-def test_logs_of_a_run_replace_those_of_the_last_and_a_restart_goes_on_in_them(tmp_path, sleepers):
+def test_a_run_replaces_the_logs_of_the_last_and_a_restart_appends(tmp_path, sleepers):
     (tmp_path / 'new').mkdir()
     (tmp_path / 'new' / 'old.log').write_text('old')
     nodes = NodeProcesses(tmp_path / 'new', 17)

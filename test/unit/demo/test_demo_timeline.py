@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The timeline of a demo: which events, in which order, and what counts as a success."""
+"""The timeline of a demo: its events, their order, and the criteria of success."""
 import pytest
 
 from ballbot_ros.demo.timeline import Expected, Passage, Timeline
@@ -16,7 +16,7 @@ GO_ROUND = (StepDecision.DECISION_GO_ROUND, StepDecision.REASON_TOO_HIGH)
 
 @pytest.fixture
 def timeline(gimball):
-    """Return a timeline that keeps what it reports."""
+    """Return a timeline that stores its reports."""
     timeline = Timeline([Passage(*step) for step in STEPS], gimball,
                         lambda *event: timeline.events.append(event))
     timeline.events = []
@@ -43,7 +43,7 @@ def marks(timeline):
 
 
 def play(timeline, until='rests'):
-    """Report a run as it should be, up to one of its events."""
+    """Feed a successful run up to one of its events."""
     events = [
         ('starts', [ball(0.0, 0.0, speed=0.0)]),
         ('CROSS', [decided(0.0, CROSS)]),
@@ -71,7 +71,7 @@ def test_a_stop_without_a_step_does_not_count_as_seen(timeline):
     assert marks(timeline)[-3:] == ['GO ROUND', 'sees', 'CROSS']
 
 
-def test_a_run_as_it_should_be_is_reported_and_has_nothing_wrong(timeline):
+def test_a_successful_run_is_reported_without_errors(timeline):
     play(timeline)
     assert marks(timeline) == ['sees', 'CROSS', 'touches', 'crossed', 'sees', 'GO ROUND', 'rests']
     sentences = {mark: sentence for _, mark, sentence in timeline.events}
@@ -94,7 +94,7 @@ def test_a_missing_event_is_an_error(timeline, until, missing):
     assert timeline.verdict() == missing
 
 
-def test_behind_the_last_step_that_it_crosses_the_ball_may_cruise_on(gimball):
+def test_the_ball_may_continue_after_the_last_crossed_step(gimball):
     timeline = Timeline([Passage(*STEPS[0])], gimball, lambda *event: None)
     play(timeline, 'touches')
     assert timeline.verdict() == ['the 31 mm step was not crossed']
@@ -114,7 +114,7 @@ def test_the_second_step_must_be_neither_accepted_nor_touched(timeline):
                                   'the 80 mm step was touched']
 
 
-def test_to_rest_before_the_first_step_is_not_the_end(timeline):
+def test_rest_before_the_first_step_is_not_the_end(timeline):
     for number in range(30):
         timeline.add_state(ball(0.1 * number, 0.0, speed=0.0))
     assert timeline.rested is None
@@ -136,7 +136,7 @@ def test_only_a_change_of_decision_is_reported(timeline):
     assert timeline.events[-1][2] == 'too late to stop: because'
 
 
-def test_a_touch_is_reported_once_and_an_edge_elsewhere_is_none(timeline):
+def test_a_touch_is_reported_once_and_only_at_its_step(timeline):
     play(timeline, 'rolls')
     timeline.add_state(ball(1.1, 1.1, touching=[1.2]))
     assert timeline.passages[0].touched is None
@@ -146,7 +146,7 @@ def test_a_touch_is_reported_once_and_an_edge_elsewhere_is_none(timeline):
     assert timeline.passages[0].touch_speed == 0.5
 
 
-def test_a_ball_above_the_face_but_not_up_has_not_crossed(timeline):
+def test_a_ball_above_the_face_but_below_the_top_has_not_crossed(timeline):
     play(timeline, 'rolls')
     timeline.add_state(ball(2.0, 1.43, y=0.1))
     assert timeline.next_step == 0
@@ -167,7 +167,7 @@ def test_times_count_from_the_first_state(timeline):
     assert [(time, mark) for time, mark, _ in timeline.events] == [(0.5, 'sees'), (0.5, 'CROSS')]
 
 
-def test_before_a_drop_it_is_right_to_stop_and_wrong_to_fall(gimball):
+def test_a_stop_before_a_drop_is_a_success_and_a_fall_is_not(gimball):
     def new():
         return Timeline([Passage(*face) for face in DROP], gimball, lambda *event: None)
 
@@ -185,7 +185,7 @@ def test_before_a_drop_it_is_right_to_stop_and_wrong_to_fall(gimball):
 
 
 @pytest.mark.parametrize('seconds, rests', [(4, False), (6, True)])
-def test_a_ball_that_is_refused_where_it_starts_rests_there_after_a_while(gimball, seconds, rests):
+def test_a_ball_refused_at_its_start_counts_as_at_rest_after_a_delay(gimball, seconds, rests):
     timeline = Timeline([Passage(*STEPS[1][:3], None)], gimball, lambda *event: None)
     timeline.add_state(ball(0.0, 0.0, speed=0.0))
     timeline.add_decision(decided(0.0, GO_ROUND, 0.08))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the tests of the hardware layer share."""
+"""Fixtures of the tests of the hardware layer."""
 from drive_bench import Bench, KINDS
 import pytest
 
@@ -12,7 +12,7 @@ def kind(request):
 
 @pytest.fixture
 def bench(kind):
-    """Return a bench whose driver has done its handshake."""
+    """Return a bench whose driver has completed its handshake."""
     made = Bench(kind)
     made.driver.identify()
     return made

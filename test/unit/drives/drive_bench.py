@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A driver, and a drive at the other end of a line that is nothing but memory."""
+"""A driver, and a drive at the other end of a line in memory."""
 from dataclasses import replace
 import json
 from pathlib import Path
@@ -9,10 +9,10 @@ from ballbot_ros.drives import device_class, open_driver, read_options
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.drives.memory_line import MemoryLine
 
-# Protocol, and the firmware where that makes a difference.
+# Protocol, and firmware if several are supported.
 KINDS = ('odrive 0.5', 'odrive 0.6', 'odrive_can 0.5', 'odrive_can 0.6', 'roboclaw', 'vesc',
          'vesc_can')
-# How long a reply is under way [s]; the longest of an ODrive takes less at its 921600 baud.
+# Transit time of a reply [s]; the longest one of an ODrive takes less at 921600 baud.
 LINE_TIME = 0.0009
 
 
@@ -20,7 +20,7 @@ FOLDER = tempfile.TemporaryDirectory(prefix='ballbot_endpoints')
 
 
 def confirmed_options(device):
-    """Return the options that replace what a drive does not report over its line."""
+    """Return the options for values that a drive does not report over its line."""
     if device.protocol != 'odrive_can':
         return {}
     if device.settings.firmware == '0.6':
@@ -43,7 +43,7 @@ class Bench(MemoryLine):
             self.clock)
 
     def cycles(self, number, torque=0.0, period=0.002):
-        """Run control periods, of requests only if no torque is given; return the telemetry."""
+        """Run control periods, with requests only if `torque` is None; return the telemetry."""
         for _ in range(number):
             self.pass_time(period)
             self.driver.poll()

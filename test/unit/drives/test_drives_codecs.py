@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Golden frames of the makers, and nothing is used without a valid checksum."""
+"""Golden frames of the makers, and no data without a valid checksum is used."""
 import re
 
 from hypothesis import given, strategies as st
@@ -26,7 +26,7 @@ def parser_of(protocol):
 
 
 def feed(protocol, data):
-    """Return what a new parser makes of bytes."""
+    """Return the messages of a new parser for these bytes."""
     return parser_of(protocol).feed(data)
 
 
@@ -37,11 +37,11 @@ def reply_of_odrive(text='-12.345678 9.876543'):
 
 
 def reply_of_roboclaw():
-    """Return the answers to a group."""
+    """Return the answers to a group of requests."""
     return b''.join(roboclaw.answer(0x80, number, *values) for number, values in ANSWERS)
 
 
-# A reply of the drive, and what it says.
+# A reply of the drive, and its content.
 REPLIES = {
     'odrive': (reply_of_odrive(), ['-12.345678 9.876543']),
     'vesc': (vesc.frame(vesc.pack_values(VALUES)), [vesc.pack_values(VALUES)]),
@@ -67,7 +67,7 @@ def test_odrive_commands_have_the_documented_form():
 
 @pytest.mark.parametrize('packet, golden', [
     # From PyVESC 1.0.5: encode(SetCurrent(1500)), encode(SetCurrent(-2345)),
-    # encode_request(GetValues); and the shortest there is, that of comm/packet.c.
+    # encode_request(GetValues); and the shortest possible packet, from comm/packet.c.
     (vesc.frame(vesc.set_current(1.5)), '020506000005dc388103'),
     (vesc.frame(vesc.set_current(-2.345)), '020506fffff6d74bb803'),
     (vesc.frame(bytes((vesc.GET_VALUES,))), '020104408403'),
@@ -91,12 +91,12 @@ def test_roboclaw_packets_are_those_of_an_independent_implementation(packet, gol
 
 
 def test_crc_is_xmodem():
-    # The check value that the catalogue of CRC algorithms gives for CRC-16/XMODEM.
+    # The check value of CRC-16/XMODEM in the catalogue of CRC algorithms.
     assert vesc.frame(b'123456789')[-3:-1].hex() == '31c3'
     assert roboclaw.command(0x31, 0x32, b'3456789')[-2:].hex() == '31c3'
 
 
-# What comes back
+# Replies
 
 @each_protocol
 def test_a_reply_is_understood_however_it_is_cut_up(protocol):
@@ -121,7 +121,7 @@ def test_a_good_reply_is_found_behind_any_single_bit_error(protocol):
     for bit in range(8 * len(reply)):
         damaged = bytearray(reply)
         damaged[bit // 8] ^= 1 << bit % 8
-        # A length that grew swallows some that follow, then all are found.
+        # A corrupted, larger length consumes some of the next replies, then all are found.
         found = feed(protocol, bytes(damaged) + 20 * reply)
         assert found[-1:] == meaning and len(found) >= 10
         assert all(message == meaning[0] for message in found)
@@ -141,7 +141,7 @@ def test_every_lost_byte_costs_that_reply_only(protocol):
 def test_noise_is_not_decoded_and_does_not_hide_what_follows(protocol, noise, cuts):
     reply, meaning = REPLIES[protocol]
     assert feed(protocol, noise) == []
-    stream = noise + b'\r\n' + 60 * reply  # a line takes up to its end, a packet its length
+    stream = noise + b'\r\n' + 60 * reply  # noise may consume a line, or the length of a packet
     parser = parser_of(protocol)
     found = []
     for cut in (*cuts, len(stream)):
@@ -168,12 +168,12 @@ def test_a_valid_frame_is_made_of_any_bytes_and_read_back(protocol, data):
     frame = codec.reply_of(printable)
     message, = codec.parser().feed(frame)
     assert codec.frame_reply(message) == frame
-    if protocol != 'roboclaw':  # whose answers are numbers
+    if protocol != 'roboclaw':  # its answers are numbers
         assert message in (printable, printable.decode())
     assert len(codec.parser().feed(codec.reply_of(b'x*\r\n' + printable))) == 1
 
 
-# ODrive's weak points
+# Weaknesses of the ODrive protocol
 
 @pytest.mark.parametrize('text', [
     '', '1', '1.0 2.0', '1.000000', '1.000000 2.000000 3.000000', '1.000000  2.000000',
@@ -194,7 +194,7 @@ def test_a_line_without_checksum_is_not_a_reply():
 
 
 def test_the_part_of_a_line_after_a_stray_newline_is_not_a_line():
-    # Six characters whose exclusive or is 0 are cut off: the checksum of the rest is right.
+    # Six characters whose exclusive or is 0 are cut off: the checksum of the rest remains valid.
     rest = reply_of_odrive('1.000000 2.000000')
     assert odrive.checksum(b'1221\n\n') == 0
     assert feed('odrive', b'1221\n\n' + rest) == []
@@ -205,7 +205,7 @@ def test_a_torque_that_is_cut_short_is_next_to_nothing(torque):
     number = odrive.torque(0, torque).split()[2].decode()
     assert float(number) == pytest.approx(torque, abs=5.1e-6)
     for end in range(1, len(number)):
-        short = re.match(r'-?[0-9]+\.?[0-9]*', number[:end])  # what sscanf reads
+        short = re.match(r'-?[0-9]+\.?[0-9]*', number[:end])  # the part that sscanf reads
         assert short is None or abs(float(short[0])) <= 1.001e-4 * abs(float(number)) + 1e-9
 
 

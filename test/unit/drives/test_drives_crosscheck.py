@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The drives in software in conversation with independent implementations of their protocols.
+The emulated drives communicate with independent implementations of their protocols.
 
-PyVESC and basicmicro are optional (requirements/test.txt). ODrive's own tools do not speak
-ASCII; its maker's test of that protocol is in test_emulator_devices.py.
+PyVESC and basicmicro are optional (requirements/test.txt). The tools of ODrive do not use
+ASCII; the maker's test of that protocol is in test_emulator_devices.py.
 """
 from hypothesis import given, strategies as st
 import pytest
@@ -28,23 +28,23 @@ class Port:
         self.waiting = b''
 
     def write(self, data):
-        """Give bytes to the drive."""
+        """Send bytes to the drive."""
         self.waiting += self.drive.receive(bytes(data), 0.0)
         return len(data)
 
     def read(self, size=1):
-        """Return what waits."""
+        """Return waiting bytes."""
         data, self.waiting = self.waiting[:size], self.waiting[size:]
         return data
 
     def flushInput(self):
-        """Forget what waits."""
+        """Discard waiting bytes."""
         self.waiting = b''
 
 
 @pytest.fixture
 def roboclaw():
-    """Return basicmicro's controller, connected to a RoboClaw in software."""
+    """Return basicmicro's controller, connected to an emulated RoboClaw."""
     basicmicro = pytest.importorskip(
         'basicmicro', reason='pip install -r requirements/test.txt')
     controller = basicmicro.Basicmicro('none', 115200)
@@ -56,7 +56,7 @@ def test_basicmicro_reads_the_emulated_roboclaw(roboclaw):
     assert roboclaw.ReadVersion(0x80) == (True, 'USB Roboclaw 2x30a v4.2.8\n')
     counts = -100.0 / 6.283185307179586 * 4096
     good, count, _ = roboclaw.ReadEncM1(0x80)
-    # The library gives the counter without its sign.
+    # The library returns the counter without its sign.
     assert good and count - 2**32 == pytest.approx(counts, abs=1)
     assert roboclaw.ReadMainBatteryVoltage(0x80) == (True, 234)
     assert roboclaw.ReadTemp(0x80) == (True, 415)

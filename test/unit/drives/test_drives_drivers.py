@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every driver does, for each protocol."""
+"""Behaviour of every driver, for each protocol."""
 from dataclasses import replace
 import itertools
 import math
@@ -30,7 +30,7 @@ def test_settings_that_will_do_are_accepted(bench):
 
 @pytest.mark.parametrize('watchdog, acceptable', [(0.0, False), (0.1, True), (0.2, False)])
 def test_the_watchdog_of_the_drive_is_judged_by_that_of_the_options(kind, watchdog, acceptable):
-    if kind == 'roboclaw':  # it is set at each start
+    if kind == 'roboclaw':  # the driver sets it at each start
         watchdog, acceptable = 0.1, True
     bench = Bench(kind, DriveSettings(watchdog=watchdog))
     setting, = (item for item in bench.driver.read_settings() if item.name == 'watchdog')
@@ -173,7 +173,7 @@ def test_an_unconfirmed_stop_is_an_error(bench):
     ('identify', 'silent'), ('read_settings', 'silent'), ('arm', None), ('stop', 'not_stopped')])
 def test_each_call_that_waits_gives_up_after_half_a_second(bench, call, reason):
     bench.cycles(3, None)
-    for _ in range(3):  # until nothing is under way
+    for _ in range(3):  # until no reply is in transit
         bench.pass_time(0.002)
         bench.driver.poll()
     bench.to_drive = lambda data: b''
@@ -244,7 +244,7 @@ def test_bytes_that_make_no_sense_are_distinguished_from_silence(kind):
 
 @pytest.mark.parametrize('kind', [name for name in KINDS if name.startswith('odrive ')])
 def test_valid_replies_that_come_too_late_are_distinguished_from_corrupted_ones(kind):
-    # Each request of the others is answered also by a late reply.
+    # The other protocols also match late replies to requests.
     bench = Bench(kind)
     bench._delay = 2.4 * bench.driver.options.reply_timeout
     with refused('silent', 'drive', DriveError) as caught:
@@ -287,7 +287,7 @@ QUIET = {'odrive 0.5': {'status_period': 1.0}, 'odrive 0.6': {'status_period': 1
 
 
 def hush(bench):
-    """Let the drive say nothing but answers."""
+    """Suppress unrequested messages of the drive."""
     if bench.device.protocol == 'odrive_can':
         bench.device.properties[bench.device.heartbeat_rate] = 0
 
@@ -311,7 +311,7 @@ def test_every_write_every_byte_and_every_lost_reply_is_counted_once(kind):
     bench.pass_time(0.1)
     bench.driver.poll()
     assert counts['lost'] - before['lost'] == 10
-    answers = {'roboclaw': 2}.get(kind, 1)  # position and speed apart
+    answers = {'roboclaw': 2}.get(kind, 1)  # position and speed are separate
     assert counts['replies'] - before['replies'] == pytest.approx(90 * answers, abs=2 * answers)
 
 
@@ -431,8 +431,8 @@ def test_the_budget_covers_what_really_goes_over_the_line(bench, kind):
     received.clear()
     bench.cycles(400, torque=-0.09)
     budget = bench.driver.budget()
-    # Numbers as text may have fewer digits, and 0.6 is asked one thing at a time.
-    # A heartbeat comes unasked.
+    # Numbers as text may have fewer digits, and 0.6 gets one request at a time.
+    # A heartbeat arrives without a request.
     spare = {'odrive 0.5': (10, 25), 'odrive 0.6': (40, 25), 'odrive_can 0.5': (0, 16),
              'odrive_can 0.6': (0, 16)}.get(kind, (0, 0))
     assert max(written) <= budget.bytes_out <= max(written) + spare[0]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stops an armed motor although its drive reports no fault, and a second motor output."""
+"""Hazards that stop an armed motor without a reported fault, and a second motor output."""
 from contextlib import suppress
 
 from drive_bench import Bench
@@ -71,7 +71,7 @@ def test_a_roboclaw_that_restarts_under_power_stops_by_itself_when_commands_end(
     bench.device.reboot(bench.now)
     bench.cycles(100, torque=0.05)
     assert bench.device.torque() > 0.0
-    bench.pass_time(0.12)  # the process is killed: nothing is sent any more
+    bench.pass_time(0.12)  # the process is killed: no more bytes are sent
     bench.device.tick(bench.now)
     assert bench.device.torque() == 0.0
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The line in memory behaves as a cable does: late replies, and none when it is out."""
+"""The line in memory behaves like a cable: replies are delayed, and missing when unplugged."""
 import pytest
 from refusals import refused
 
@@ -8,7 +8,7 @@ from ballbot_ros.errors import LinkError
 
 
 class Echo:
-    """A device that replies what it receives."""
+    """A device that echoes received bytes."""
 
     def receive(self, data, now):
         """Return it."""

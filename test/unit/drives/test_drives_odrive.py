@@ -18,7 +18,7 @@ from ballbot_ros.errors import ConfigurationError, DriveError
 KINDS = ('odrive 0.5', 'odrive 0.6')
 both = pytest.mark.parametrize('kind', KINDS)
 
-# Of the list of endpoints that the maker generates for an ODrive with firmware 0.6.
+# From the list of endpoints that the maker generates for an ODrive with firmware 0.6.
 ENDPOINTS_6 = {
     'vbus_voltage', 'serial_number', 'hw_version_major', 'hw_version_minor', 'hw_version_variant',
     'fw_version_major', 'fw_version_minor', 'fw_version_revision', 'test_property',
@@ -40,7 +40,7 @@ ENDPOINTS_6 = {
 
 
 def asked_by(bench, act):
-    """Return the names of the properties that the driver reads or writes during an act."""
+    """Return the names of the properties that the driver reads or writes in `act`."""
     lines = []
     deliver = bench.to_drive
     bench.to_drive = lambda data: lines.extend(data.decode().splitlines()) or deliver(data)
@@ -64,7 +64,7 @@ def test_every_property_of_0_6_is_one_that_the_maker_lists():
     assert asked_by(bench, all_there_is) == ENDPOINTS_6
 
 
-# Frames of the makers' documents
+# Frames of the maker's documents
 
 def test_a_reply_of_the_documents_is_read_with_the_checksum_that_belongs_to_it():
     # "r vbus_voltage" => 24.087744, from the page on the ASCII protocol; 33 from issue 596.
@@ -79,7 +79,7 @@ def test_a_marker_is_written_to_and_read_from_a_property_that_does_nothing():
     assert lines[0] == b'*999'  # a wrong checksum: "the line is ignored"
     assert lines[1].startswith(b'w test_property 536870912 *')
     assert lines[2].startswith(b'r test_property *') and lines[3] == b''
-    # An error could look like a marker only with a bit that neither generation has.
+    # An error could equal a marker only with a bit that neither generation has.
     for number in (codec.MARKERS[0], codec.MARKERS[-1]):
         assert len(str(number)) <= 9
         assert all('0x20000000' in generation.axis.names_of(number & 0x20000000)
@@ -134,7 +134,7 @@ def test_motor_types_have_the_names_of_the_maker(value, name):
 # Requests for properties
 
 def asked(properties, now=0.0):
-    """Return what is sent to ask for a property."""
+    """Return the bytes that request a property."""
     return properties.ask('state', 'axis0.current_state', now)
 
 
@@ -275,7 +275,7 @@ def test_an_emulated_drive_of_another_firmware_is_refused():
             Bench(kind)
 
 
-# How it must be set
+# Required settings
 
 def unacceptable(bench):
     """Return the settings that are not acceptable."""
@@ -312,7 +312,7 @@ def test_a_setting_that_is_not_safe_is_refused_and_set_right_by_its_remedy(kind,
     bench.device.properties.update(changes)
     wrong, = unacceptable(bench)
     assert wrong.name == name
-    for line in wrong.remedy.split(', '):  # what a person types, without checksums
+    for line in wrong.remedy.split(', '):  # typed lines have no checksums
         bench.device.receive(f'{line}\n'.encode(), bench.now)
     assert not unacceptable(bench)
 
@@ -403,7 +403,7 @@ def test_a_drive_that_cannot_be_armed_says_why(kind, changes, reported):
     with refused('not_armed', 'drive', DriveError) as caught:
         bench.driver.arm(timeout=0.2)
     assert reported in str(caught.value)
-    # 0.5 names an error immediately; 0.6 might still get there.
+    # 0.5 reports an error immediately; 0.6 may still arm.
     assert bench.now - begin < 0.2 and (bench.now - begin > 0.1) is (kind == 'odrive 0.6')
 
 
@@ -431,7 +431,7 @@ def test_a_drive_that_stays_disarmed_names_result_and_reason(changes, reported):
 
 @pytest.mark.parametrize('result, bits, reported', [
     (math.nan, math.nan, ()), (math.nan, 1.0, ('INITIALIZING',)), (0.0, 0.0, ()),
-    (3.0, 0.0, ()),  # that it is disarmed is not a reason
+    (3.0, 0.0, ()),  # being disarmed is not a reason
     (2.0, 0.0, ('CANCELLED',)), (99.0, 2.0, ('SYSTEM_LEVEL', '99'))])
 def test_faults_are_made_of_what_the_drive_reports(result, bits, reported):
     values = {'axis0.current_state': 1.0, 'axis0.disarm_reason': bits,
@@ -480,7 +480,7 @@ def test_one_property_is_asked_for_in_each_status_period(kind, period, least, mo
     names = [line.split()[1] for data in kept for line in data.splitlines() if line[:1] == b'r']
     assert least <= len(names) <= most
     errors = GENERATIONS[KINDS.index(kind)].errors.encode()
-    for name in (errors, b'axis0.current_state'):  # each is every third one
+    for name in (errors, b'axis0.current_state'):  # each is every third request
         assert names.count(name) == pytest.approx(len(names) / 3, abs=2)
 
 
@@ -492,7 +492,7 @@ def test_0_6_loses_a_reply_that_comes_while_another_is_being_sent():
 
 
 def loop(bench, periods, wait):
-    """Run periods of 2 ms; the first millisecond is waited for the answer, or none is."""
+    """Run periods of 2 ms; if `wait`, wait in the first millisecond for the answer."""
     times = []
     for _ in range(periods):
         bench.pass_time(0.001)
@@ -532,8 +532,8 @@ def test_a_property_that_still_waits_for_its_turn_is_not_taken_for_a_setting():
     bench.driver.identify()
     for _ in range(10):
         bench.driver.arm()
-        bench.cycles(1)  # a position is under way
-        bench.driver.send_stop()  # its state is asked for when the position has come
+        bench.cycles(1)  # a position is in transit
+        bench.driver.send_stop()  # the state is requested after the position has arrived
         limit, watchdog, *_ = bench.driver.read_settings()
         assert (limit.value, watchdog.value) == ('0.1 N m', '0.1 s')
 
@@ -552,9 +552,9 @@ def test_the_cause_of_a_loss_of_power_is_named_afterwards(kind):
     bench = Bench(kind)
     bench.driver.arm()
     bench.cycles(50, torque=0.05)
-    bench.pass_time(0.2)  # the watchdog
+    bench.pass_time(0.2)  # the watchdog expires
     if kind == 'odrive 0.6':
-        bench.device.properties['axis0.active_errors'] = 0  # it may vanish without a request
+        bench.device.properties['axis0.active_errors'] = 0  # it may be cleared without a request
     telemetry = bench.cycles(200, torque=0.05)
     assert telemetry.faults == ('WATCHDOG_TIMER_EXPIRED',) and telemetry.armed is False
 
@@ -602,13 +602,13 @@ def test_a_value_that_is_not_a_number_is_not_put_into_the_telemetry(kind):
 
 @both
 def test_a_late_value_is_not_taken_for_another_property(kind):
-    # A line that stalls from time to time: values come when the next request has long been asked.
+    # A line that stalls repeatedly: values arrive long after the next request.
     bench = Bench(kind, status_period=0.0, reply_timeout=0.01)
     bench.driver.arm()
     held, count = [], itertools.count()
 
     def stalling(reply):
-        """Hold replies back for eight periods of twenty, and keep their order."""
+        """Delay replies for eight periods of twenty, and keep their order."""
         held.append(reply)
         if next(count) % 20 < 8:
             return b''

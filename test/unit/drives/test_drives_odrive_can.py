@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""CANSimple: golden frames, what only a heartbeat reports, and what is not reported at all."""
+"""CANSimple: golden frames, values of the heartbeat, and values that are not reported."""
 from dataclasses import replace
 import json
 import math
@@ -31,7 +31,7 @@ def commands(data):
 
 
 def without(command):
-    """Return what takes a command out of records on their way."""
+    """Return a function that removes a command from records in transit."""
     return lambda data: b''.join(
         record(frame) for frame in frames(data) if frame.identifier & 0x1F != command)
 
@@ -76,7 +76,7 @@ def test_a_heartbeat_from_before_the_stop_does_not_confirm_it(kind):
     bench.driver.identify()
     bench.cycles(10, torque=None)
     begin = bench.now
-    bench.to_drive = lambda data: b''  # nothing is received any more, and idle heartbeats go on
+    bench.to_drive = lambda data: b''  # nothing is received; idle heartbeats continue
     bench.pass_time(0.001)
     bench.driver.send_stop()
     for _ in range(100):
@@ -136,7 +136,7 @@ def test_the_watchdog_of_a_0_5_is_tried_despite_a_confirmation(watchdog, expires
     if expires:
         took = float(tried.value.split()[-2])
         assert watchdog <= took <= watchdog + 0.02
-    assert not bench.device.properties['axis0.error']  # nothing is left of it
+    assert not bench.device.properties['axis0.error']  # the error is cleared
     assert bench.device.torque() == 0.0 and not bench.device.armed
 
 
@@ -267,7 +267,7 @@ def test_errors_are_cleared_without_power_and_only_then(kind):
     bench.driver.stop()
     assert bench.driver.clear_faults() == ()
     bench.device.over_current()
-    bench.device.clear_errors = lambda: None  # it is there again
+    bench.device.clear_errors = lambda: None  # the error recurs
     assert bench.driver.clear_faults()
 
 
@@ -294,7 +294,7 @@ def test_a_position_is_stamped_with_its_request_and_an_unrequested_one_is_not_a_
     bench.driver.poll()
     asked = bench.now
     bench.driver.ask()
-    bench.pass_time(0.005)  # and is read late
+    bench.pass_time(0.005)  # and is read with a delay
     assert bench.driver.poll().measured == pytest.approx(asked, abs=1e-9)
     bench.waiting.append((bench.now, codec.frame(
         0, codec.ENCODER_ESTIMATES, struct.pack('<ff', 0.5, 0.0))))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an ODrive names when it takes the power off the motor, and how that is cleared."""
+"""Errors that an ODrive reports when it removes motor power, and their clearing."""
 from drive_bench import Bench
 import pytest
 from refusals import refused
@@ -17,7 +17,7 @@ REGISTERS = (AXIS_5, MOTOR_5, ENCODER_5, CONTROLLER_5, SENSORLESS_5, SYSTEM_5, A
 
 
 def armed(kind, *quirks, **settings):
-    """Return a bench whose motor is under power and whose state is known."""
+    """Return a bench whose motor has power and has reported its state."""
     bench = Bench(kind, DriveSettings(quirks=quirks, **settings), status_period=0.0)
     bench.driver.arm()
     bench.cycles(20)
@@ -25,7 +25,7 @@ def armed(kind, *quirks, **settings):
 
 
 def until_disarmed(bench, cycles=200):
-    """Run periods until something is reported; return all reports from there on."""
+    """Run periods until the first report; return all reports from there on."""
     reports = []
     for _ in range(cycles):
         telemetry = bench.cycles(1)
@@ -70,7 +70,7 @@ def test_errors_of_parts_have_the_bits_of_the_maker(prefix, number, name):
     assert register.names[number] == name
 
 
-# One report, with the reason
+# A single report, with the reason
 
 CAUSES = [
     ('odrive 0.5', (), 'overspeed', ('CONTROLLER_FAILED', 'CONTROLLER_ERROR_OVERSPEED')),
@@ -82,7 +82,7 @@ CAUSES = [
     ('odrive 0.5', (), 'too_hot', ('MOTOR_FAILED', 'MOTOR_ERROR_FET_THERMISTOR_OVER_TEMP')),
     ('odrive 0.5', (), 'no_estimate', ('ENCODER_FAILED', 'ENCODER_ERROR_NO_RESPONSE')),
     ('odrive 0.5', (), 'watchdog', ('WATCHDOG_TIMER_EXPIRED',)),
-    # Of which the axis says nothing.
+    # An error that the axis does not report.
     ('odrive 0.5', (), 'brake_resistor_disarmed', ('MOTOR_ERROR_BRAKE_RESISTOR_DISARMED',)),
     ('odrive 0.6', (), 'overspeed', ('VELOCITY_LIMIT_VIOLATION',)),
     ('odrive 0.6', (), 'regeneration', ('DC_BUS_OVER_REGEN_CURRENT',)),
@@ -94,7 +94,7 @@ CAUSES = [
 def test_a_loss_of_power_is_reported_immediately_with_all_that_the_drive_names(
         kind, quirks, cause, names, phase):
     bench = armed(kind, *quirks)
-    bench.cycles(phase)  # state or errors may be asked for first
+    bench.cycles(phase)  # state or errors may be requested first
     bench.device.trip(cause)
     begin = bench.now
     while not bench.cycles(1).faults:
@@ -138,7 +138,7 @@ def test_a_watchdog_that_expires_without_power_is_not_a_fault():
     bench = Bench('odrive 0.5', status_period=0.0)
     bench.driver.identify()
     assert bench.cycles(200, torque=None).faults == ()
-    assert bench.device.properties['axis0.error'] == 0x800  # and it did expire
+    assert bench.device.properties['axis0.error'] == 0x800  # the watchdog did expire
     bench.device.over_current()
     assert bench.cycles(100, torque=None).faults == (
         'MOTOR_FAILED', 'MOTOR_ERROR_CURRENT_LIMIT_VIOLATION')
@@ -149,7 +149,7 @@ def test_a_motor_that_cannot_be_armed_names_the_part():
     bench.driver.identify()
     bench.device.properties['config.enable_brake_resistor'] = 1
     bench.device._brake_armed = False
-    bench.to_drive = lambda data: data.replace(b'sc ', b'xx ')  # which would arm it
+    bench.to_drive = lambda data: data.replace(b'sc ', b'xx ')  # the command to arm
     with refused('not_armed', 'drive', DriveError) as caught:
         bench.driver.arm(0.2)
     assert 'MOTOR_ERROR_BRAKE_RESISTOR_DISARMED' in str(caught.value)
@@ -178,7 +178,7 @@ def test_an_error_has_the_same_text_on_a_serial_line_and_on_a_bus(generation):
         bench.device.sensed = bench.device.sensed._replace(temperature=200.0)
         with refused('not_armed', 'drive', DriveError) as hot:
             bench.driver.arm()
-        first, _, rest = str(hot.value).partition(' names ')
+        first, _, rest = str(hot.value).partition(' reports ')
         texts.append((str(powered.value), first, rest.partition('; ')[2]))
     assert texts[0] == texts[1] and all(texts[0])
 
@@ -206,11 +206,11 @@ def test_faults_of_a_motor_under_power_are_not_cleared(kind):
         with refused('not_clearable', 'motor', DriveError):
             bench.driver.clear_faults()
         assert bench.device.armed
-        bench.driver._armed = False  # another program did it
+        bench.driver._armed = False  # disarmed by another program
         bench.device.properties['axis0.config.enable_watchdog'] = 0
 
 
-# Warnings, and what the supply gives
+# Warnings, and the current of the supply
 
 @both
 def test_current_from_the_supply_and_back_into_it_is_reported(kind):

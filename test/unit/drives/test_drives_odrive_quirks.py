@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the firmware of an ODrive does, as the maker's sources say, in the emulated drive."""
+"""Behaviour of the ODrive firmware, according to the maker's sources, in the emulated drive."""
 import math
 
 import pytest
@@ -25,7 +25,7 @@ def drive(firmware='0.5', *quirks, **settings):
 
 
 def write(device, name, value):
-    """Write a property, as a person does in a terminal."""
+    """Write a property, as in a terminal."""
     device.receive(f'w {name} {value}\n'.encode(), 1.0)
 
 
@@ -35,7 +35,7 @@ def ask(device, text):
 
 
 def turn(device, velocity, **more):
-    """Let the shaft turn [turn/s], and a control period of the drive pass."""
+    """Set the shaft velocity [turn/s], and run a control period of the drive."""
     device.sensed = Sensed(velocity=velocity * math.tau, **more)
     device.tick(1.0)
 
@@ -64,7 +64,7 @@ def test_from_the_factory_a_free_shaft_is_braked_though_no_torque_is_commanded(f
     assert device.torque() == pytest.approx(-0.3 / 6.0)
     turn(device, -limit - 0.3)
     assert device.torque() == pytest.approx(0.3 / 6.0)
-    turn(device, limit + 100.0)  # cut to the torque limit of the drive: 4 N m at the pendulum
+    turn(device, limit + 100.0)  # limited to the torque limit of the drive: 4 N m at the pendulum
     assert device.torque() == pytest.approx(-0.1) and device.armed
     write(device, 'axis0.controller.config.enable_torque_mode_vel_limit', 0)
     assert device.torque() == 0.0
@@ -96,7 +96,7 @@ def test_0_5_4_sends_nine_of_the_ten_digits_of_its_motor_error():
 # Supply; low_level.cpp, update_brake_current
 
 def braking(device):
-    """Let the motor brake at 100 turn/s, so that it feeds 0.4 A back."""
+    """Brake the motor at 100 turn/s, so that it returns 0.4 A."""
     turn(device, 0.0)
     device.receive(b'c 0 -0.02\n', 1.0)
     turn(device, 100.0)
@@ -118,7 +118,7 @@ def test_a_battery_may_be_charged_where_the_drive_is_set_so():
     device = drive('0.5', 'regeneration')
     write(device, 'config.dc_max_negative_current', -2)
     braking(device)
-    # 0.02 N m at 628 rad/s, less what 0.8 A heat in 3.125 ohm, from 24 V.
+    # 0.02 N m at 628 rad/s, less the losses of 0.8 A in 3.125 ohm, at 24 V.
     power = -0.02 * 100.0 * math.tau + 3.125 * 0.8**2
     assert device.armed and float(ask(device, 'r ibus')) == pytest.approx(power / 24.0, abs=1e-5)
 
@@ -130,14 +130,14 @@ def test_a_brake_resistor_takes_what_comes_back_once_it_is_armed(firmware):
     device.properties['axis0.controller.config.control_mode'] = 1
     write(device, enable[firmware], 1)
     write(device, 'axis0.requested_state', 8)
-    assert not device.armed  # it has to be armed first: by a restart, or by sc
-    if firmware == '0.5':  # of which the axis says nothing
+    assert not device.armed  # the resistor must first be armed, by a restart or by sc
+    if firmware == '0.5':  # the axis does not report this
         assert device.properties['axis0.error'] == 0
         assert device.properties['axis0.motor.error'] == 0x800000
     device.receive(b'sc\n', 1.0)
     write(device, 'axis0.requested_state', 8)
     assert braking(device).armed
-    write(device, 'config.max_regen_current', 0.1)  # before the resistor takes anything
+    write(device, 'config.max_regen_current', 0.1)  # before the resistor absorbs any
     braking(device)
     assert not device.armed
 
@@ -154,7 +154,7 @@ def test_a_hot_drive_takes_current_away_before_it_trips():
 
 
 def replace_temperature(sensed, temperature):
-    """Return the same at another temperature of the power stage."""
+    """Return `sensed` with another temperature of the power stage."""
     return sensed._replace(temperature=temperature)
 
 

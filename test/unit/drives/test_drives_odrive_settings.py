@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an ODrive must be set to for the robot at hand: its own limits, and where braking goes."""
+"""Required settings of an ODrive for a robot: its own limits, and the energy of braking."""
 import math
 import re
 
@@ -32,7 +32,7 @@ def refused(here):
 
 
 def type_lines(here, remedy):
-    """Do what a person reads, in a terminal: a line each, without checksums."""
+    """Send the commands of a remedy as lines without checksums, as in a terminal."""
     for line in remedy.split(', '):
         here.device.receive(f'{line}\n'.encode(), here.now)
         here.pass_time(0.01)
@@ -53,7 +53,7 @@ def test_all_that_the_factory_leaves_open_is_refused_and_set_right_by_the_remedy
     velocity = {'odrive 0.5': '2', 'odrive 0.6': '10'}[kind]
     assert wrong[VELOCITY].value == f'{velocity} turn/s'
     assert wrong[BRAKING].value == '0.01 A into the supply, no brake resistor'
-    # A watchdog that is not fed would disarm the motor while it is calibrated.
+    # An unfed watchdog would disarm the motor during the calibration.
     type_lines(here, wrong.pop(calibrated).remedy)
     here.pass_time(3.0)
     for item in wrong.values():
@@ -99,7 +99,7 @@ def test_an_accepted_limit_acts_only_on_a_runaway_and_lets_it_brake(kind):
     ({'vel_limit': 2.0, 'enable_overspeed_error': 0, 'enable_torque_mode_vel_limit': 0}, set()),
     ({'vel_limit_tolerance': 0.5}, {OVERSPEED}),
     ({'vel_limit_tolerance': math.inf, 'vel_limit': math.inf}, set()),
-    # 143.3 turn/s, of which torque over gain is taken off.
+    # 143.3 turn/s, less torque / gain.
     ({'vel_limit': 143.5, 'vel_gain': 1.0 / 6.0}, {VELOCITY}),
     ({'vel_limit': 144.0, 'vel_gain': 1.0 / 6.0}, set()),
     ({'vel_limit': 160.0, 'vel_gain': 1e-3}, {VELOCITY}),
@@ -122,8 +122,8 @@ BRAKE = {'odrive 0.5': ('config.enable_brake_resistor', 'config.brake_resistance
 
 @pytest.mark.parametrize('back, allowed, enabled, resistance, accepted', [
     (-0.01, 0.0, 0, 2.0, False), (-0.01, 0.0, 1, 2.0, True), (-0.01, 0.0, 1, 0.0, False),
-    (-0.01, 0.1, 1, 2.0, False),  # that much flows back before the resistor takes any
-    (-0.01, 0.0, 1, 10.0, False),  # takes 2.3 A at 24 V; 3.3 A may come
+    (-0.01, 0.1, 1, 2.0, False),  # this current flows back before the resistor absorbs any
+    (-0.01, 0.0, 1, 10.0, False),  # absorbs 2.3 A at 24 V; up to 3.3 A are possible
     (-2.0, 0.0, 1, 10.0, True), (-3.0, 0.0, 0, 2.0, False), (-3.5, 0.0, 0, 2.0, True),
     (-math.inf, 0.0, 0, 2.0, True), (0.0, 0.0, 0, 2.0, False)])
 @both
@@ -179,7 +179,7 @@ def test_firmware_0_5_4_is_accepted():
 def test_the_braking_that_is_asked_for_is_enough_where_it_is_a_round_number(kind):
     here = bench(kind, 'regeneration')
     options = here.driver.options
-    # Half an ampere at a runaway: what is judged must be below what is to be typed.
+    # Half an ampere at a runaway: the checked value must be below that of the remedy.
     here.device.sensed = here.device.sensed._replace(
         bus_voltage=1.5 * options.speed_limit * options.torque_limit / 0.5)
     type_lines(here, refused(here)[BRAKING].remedy)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which request a reply answers: however delayed replies are, no measurement is dated too new."""
+"""Matching of replies to requests: no delay of replies makes a measurement stamp too new."""
 from drive_bench import Bench
 import pytest
 from tiers import pairs
@@ -10,7 +10,7 @@ PERIOD, TIMEOUT = 0.002, 0.05
 
 
 def pending(*kinds):
-    """Return requests that were written once a period from 0."""
+    """Return requests that were written once per period, starting at 0."""
     requests = PendingRequests(TIMEOUT)
     for number, kind in enumerate(kinds):
         requests.add(kind)
@@ -27,7 +27,7 @@ def test_a_reply_answers_the_oldest_request_of_its_kind_however_late_it_is_read(
 
 def test_a_lost_reply_makes_stamps_too_old_until_a_reply_of_another_kind():
     requests = pending(*'aabaa')
-    assert requests.match('a', 0.01).measured == 0.0  # it answers the second
+    assert requests.match('a', 0.01).measured == 0.0  # the reply to the second request
     assert requests.match('b', 0.01).measured == 2 * PERIOD
     assert requests.match('a', 0.01).measured == 3 * PERIOD
     assert requests.take_lost(0.01) == 1
@@ -73,7 +73,7 @@ def test_without_power_nothing_is_asked_while_replies_are_overdue():
     requests = pending(*'aa')
     assert requests.may_send(0.04, False) and not requests.may_send(0.06, False)
     requests.match('a', 0.06)
-    assert not requests.may_send(0.15, False)  # the second may still come
+    assert not requests.may_send(0.15, False)  # the second reply may still arrive
     requests.match('a', 0.15)
     assert requests.may_send(0.15, False)
 
@@ -123,7 +123,7 @@ class DelayedBench(Bench):
     speed = 5.0
 
     def pass_time(self, seconds):
-        """Let the drive turn."""
+        """Advance the rotation of the drive."""
         self.device.sensed = self.device.sensed._replace(
             position=self.speed * (self.now + seconds), velocity=self.speed)
         super().pass_time(seconds)
@@ -145,12 +145,12 @@ class DelayedBench(Bench):
         return found
 
 
-# The drive answers within its period; a position that is cut to counts or steps is a bit old.
+# The drive answers within its period; quantization makes a position slightly older.
 ALLOWED = 0.0025
 
 
 def bench_of(kind):
-    """Return a bench with an armed drive, and how far its position lies behind time 0."""
+    """Return a bench with an armed drive, and the error of its stamps without latency [s]."""
     bench = DelayedBench(kind)
     bench.driver.identify()
     bench.driver.arm()

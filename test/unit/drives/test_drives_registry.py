@@ -15,7 +15,7 @@ TARGETS = Path(__file__).resolve().parents[3] / 'fuzz' / 'targets.py'
 
 
 def fuzz_targets():
-    """Return the fuzz targets of all drives that are registered now."""
+    """Return the fuzz targets of all registered drives."""
     spec = util.spec_from_file_location('targets', TARGETS)
     module = util.module_from_spec(spec)
     spec.loader.exec_module(module)

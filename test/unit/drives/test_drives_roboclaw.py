@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""RoboClaws: a voltage in place of a torque, and what is asked of one that buffers requests."""
+"""RoboClaws: a voltage in place of a torque, and requests to a drive that buffers them."""
 from dataclasses import replace
 import math
 
@@ -25,14 +25,14 @@ def bench():
 
 
 def written(bench):
-    """Return a list that the driver's writes are added to from now on."""
+    """Return a list that records the further writes of the driver."""
     kept = []
     bench.to_drive = lambda data: kept.append(data) or data
     return kept
 
 
 def reply(bench, number, *values):
-    """Let the drive answer a request with other values."""
+    """Make the drive answer a request with other values."""
     right = codec.answer(0x80, number, *bench.device._answers[number]())
     bench.from_drive = lambda data: data.replace(right, codec.answer(0x80, number, *values))
 
@@ -234,7 +234,7 @@ def test_the_supply_must_lie_where_the_drive_lets_the_motor_have_it(supply, acce
 
 
 def test_answers_to_a_lost_group_do_not_confirm_a_stop(bench):
-    # Two stops: the first is lost on the way, but not its requests; the second is lost whole.
+    # The first stop is lost, but not its requests; the second is lost completely.
     bench.cycles(20, torque=0.05)
     bench.to_drive = lambda data: data[6:]
     bench.driver.send_stop()

@@ -29,7 +29,7 @@ def terminal():
     try:
         os.close(master)
     except OSError:
-        pass  # The test has pulled the plug
+        pass  # unplugged by the test
 
 
 def reason(port, baud=115200):
@@ -182,7 +182,7 @@ def test_a_peer_that_reads_slowly_gets_every_byte_in_order(terminal):
     reader = threading.Thread(target=drain, daemon=True)
     with Link(path, 115200) as link:
         reader.start()
-        link.write(sent)  # more than the buffer of the kernel takes
+        link.write(sent)  # more than the buffer of the kernel
         reader.join(timeout=5.0)
     assert bytes(received) == sent
 
@@ -228,7 +228,7 @@ def test_a_reply_that_comes_in_pieces_is_returned_once_there_is_enough_of_it(ter
         assert link.wait(1.0, least=5) and link.read() == b'12345' and link.read() == b''
         os.write(master, b'1234')
         assert not link.wait(0.02, least=5)
-        assert link.read() == b'1234'  # fewer are read, but not reported
+        assert link.read() == b'1234'  # fewer bytes are read but not reported
         os.write(master, b'1')
         assert link.wait(1.0) and link.read() == b'1'
         os.close(master)
@@ -239,7 +239,7 @@ def test_a_reply_that_comes_in_pieces_is_returned_once_there_is_enough_of_it(ter
 
 
 def test_a_device_that_has_hung_up_is_gone_and_one_that_is_silent_is_not():
-    # As with a terminal that was hung up, there is nothing to read in either case.
+    # As with a closed terminal, no bytes are available in either case.
     ours, theirs = socket.socketpair()
     ours.setblocking(False)
     line = Descriptor(ours.fileno())
@@ -250,7 +250,7 @@ def test_a_device_that_has_hung_up_is_gone_and_one_that_is_silent_is_not():
     assert line.wait(1.0)
     with pytest.raises(OSError) as raised:
         line.read()
-    assert raised.type is OSError and raised.value.errno is None  # no error of the system
+    assert raised.type is OSError and raised.value.errno is None  # no system error
     ours.close()
 
 
@@ -353,7 +353,7 @@ def test_a_capture_is_bounded_and_both_its_parts_are_read(tmp_path, monkeypatch)
     numbers = [record.data[0] for record in records]
     assert numbers == list(range(numbers[0], 200)) and 25 < len(numbers) < 60
     assert [record.time for record in records] == sorted(record.time for record in records)
-    Recorder(path).close()  # another capture starts again
+    Recorder(path).close()  # a new capture replaces the files
     assert read_capture(path) == []
 
 
@@ -361,7 +361,7 @@ def test_a_disk_that_is_full_when_a_capture_goes_on_ends_it(tmp_path, monkeypatc
     monkeypatch.setattr(capture, 'MOST_BYTES', 100)
     path = tmp_path / 'traffic.txt'
     recorder = Recorder(path)
-    (tmp_path / 'traffic.txt.1').mkdir()  # nothing can be moved there
+    (tmp_path / 'traffic.txt.1').mkdir()  # no file can be moved there
     for _ in range(10):
         recorder.record('>', bytes(20))
     assert recorder.failure

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""VESCs: a current in place of a torque, settings at their places, two sources of the position."""
+"""VESCs: a current in place of a torque, positions of the settings, two position sources."""
 import itertools
 import math
 import struct
@@ -24,7 +24,7 @@ def bench():
 
 
 def change(bench, message, alter):
-    """Alter the payload of the replies to a message on their way."""
+    """Modify the payload of the replies to a message in transit."""
     def altered(data):
         payloads = codec.parser().feed(data)
         return b''.join(codec.frame(alter(payload) if payload[0] == message else payload)
@@ -33,7 +33,7 @@ def change(bench, message, alter):
 
 
 def reporting(bench, **fields):
-    """Let the drive report other values."""
+    """Make the drive report other values."""
     change(bench, codec.GET_VALUES_SELECTIVE, lambda payload: codec.pack_values(
         codec.parse_values(payload)._replace(**fields)))
 
@@ -128,7 +128,7 @@ def test_a_drive_whose_timeout_expired_under_power_is_disarmed_and_says_why(benc
                                              (-0.06, False)])
 def test_a_stop_is_confirmed_where_no_more_current_flows_than_the_sensors_may_err(
         bench, part, confirmed):
-    reporting(bench, current=part * 4.0)  # of the current of the torque limit
+    reporting(bench, current=part * 4.0)  # as a fraction of the current at the torque limit
     if confirmed:
         bench.driver.stop()
     else:
@@ -138,7 +138,7 @@ def test_a_stop_is_confirmed_where_no_more_current_flows_than_the_sensors_may_er
 
 def test_values_that_were_asked_for_before_a_stop_do_not_confirm_it(bench):
     bench.cycles(20)
-    bench.driver.ask()  # of a motor without current; its reply is under way
+    bench.driver.ask()  # of a motor without current; the reply is in transit
     bench.pass_time(0.0005)
     bench.to_drive = lambda data: b''
     with refused('not_stopped', 'drive', DriveError):
@@ -171,7 +171,7 @@ def test_the_speed_is_that_of_the_shaft_and_not_the_electrical_one(pairs):
     assert bench.cycles(10).velocity == pytest.approx(90.0, rel=1e-3)
 
 
-# Its thread looks at timeout and kill switch every 10 ms; timeout.c
+# The thread of the drive checks timeout and kill switch every 10 ms; timeout.c
 
 @pytest.mark.parametrize('phase', range(10))
 def test_arming_goes_on_until_the_drive_has_seen_that_it_is_fed_again(phase):
@@ -182,7 +182,7 @@ def test_arming_goes_on_until_the_drive_has_seen_that_it_is_fed_again(phase):
     assert bench.driver.poll().faults == ()  # before it is armed a timeout is expected
     begin = bench.now
     bench.driver.arm()
-    assert bench.now - begin <= 0.014  # two looks, and the reply
+    assert bench.now - begin <= 0.014  # two checks, and the reply
     bench.driver.ask()
     bench.pass_time(0.001)
     assert bench.driver.poll().armed is True

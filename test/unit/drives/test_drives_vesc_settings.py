@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settings of a VESC: where each firmware puts them, and which of them let a robot move."""
+"""Settings of a VESC: their positions per firmware, and the values with which a robot can move."""
 import math
 import re
 import struct
@@ -13,7 +13,7 @@ from ballbot_ros.drives.vesc.uart import codec, emulated
 from ballbot_ros.drives.vesc.uart.emulated import LIMITS, VescDevice
 from ballbot_ros.errors import DriveError
 
-# Places in a GET_MCCONF behind the name of the message: confgenerator_serialize_mcconf of the tags
+# Offsets in a GET_MCCONF after the message id: confgenerator_serialize_mcconf of the tags
 # 5.03 and 6.00 and of release_6_02, and of release_6_05, release_6_06, release_7_00 and master.
 PLACES = {
     (5, 3): {
@@ -38,12 +38,12 @@ PLACES = {
         'l_watt_min': (77, 'f', 1), 'l_current_max_scale': (81, 'h', 1e4),
         'l_current_min_scale': (83, 'h', 1e4)}}
 VERSIONS = [(5, 3), (6, 0), (6, 2), (6, 5), (6, 6), (7, 0), (7, 1)]
-# Of the shipped robot: 4 N m and 12 rad/s at a gear of 50 with an efficiency of 0.9.
+# For the shipped robot: 4 N m and 12 rad/s, gear ratio 50, efficiency 0.9.
 ROBOT = {'torque_limit': 4.0 / 45.0, 'speed_limit': 600.0}
 
 
 def bench_with(**limits):
-    """Return a bench whose drive has other limits."""
+    """Return a bench whose drive has these limits."""
     bench = Bench('vesc', DriveSettings(torque_limit=ROBOT['torque_limit']), **ROBOT)
     bench.device.limits.update(limits)
     return bench

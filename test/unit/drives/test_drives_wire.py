@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How often a line carries a request and its reply."""
+"""Highest rate of a request and its reply on a line."""
 import pytest
 
 from ballbot_ros.drives.contract import WireBudget

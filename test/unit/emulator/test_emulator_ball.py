@@ -74,7 +74,7 @@ def test_the_axes_of_the_sensor_turn_with_the_shell(settings):
         ball.advance(0.0)
     imu, state = ball.imu(), ball.state
     assert imu.turn_rate == pytest.approx(state.ball_rate, rel=1e-2)
-    # Turned back, gravity points along the y of the world again.
+    # Rotated back, gravity is again along the y axis of the world.
     up = math.cos(state.ball_angle) * imu.upward + math.sin(state.ball_angle) * imu.forward
     assert state.ball_angle < -0.5 and up == pytest.approx(9.81, abs=0.3)
 

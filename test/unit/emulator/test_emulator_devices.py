@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The drives in software do what the makers' own tests and documents say of the real ones."""
+"""The emulated drives behave as in the tests and documents of their makers."""
 import pytest
 
 from ballbot_ros.drives.emulated_device import DriveSettings
@@ -23,7 +23,7 @@ def board(settings):
     return ODriveDevice(settings)
 
 
-# The conversation of tools/odrive/tests/uart_ascii_test.py in odriverobotics/ODrive
+# The sequence of tools/odrive/tests/uart_ascii_test.py in odriverobotics/ODrive
 
 def test_odrive_reads_a_property(board):
     assert float(board.receive(b'r vbus_voltage\n', 0.0)) == pytest.approx(24.0)
@@ -76,14 +76,14 @@ def test_odrive_watchdog_expires_and_stays_expired_until_cleared(board):
     assert board.torque() == 1.0
 
 
-# Its oddities that matter for safety, from Firmware/communication/ascii_protocol.cpp
+# Quirks that are relevant to safety, from Firmware/communication/ascii_protocol.cpp
 
 @pytest.mark.parametrize('line, torque', [
     (b'c 0 0.25000 *%d\n' % odrive.checksum(b'c 0 0.25000 '), 0.25),
     (b'c 0 0.25000 *93\n', 0.0),  # a wrong checksum
-    (b'c 0 0.25000 793\n', 0.25),  # an asterisk that became a digit: the space protects
-    (b'c 0 0.;5000 *117\n', 0.0),  # a digit that became the start of a comment
-    (b'c 0 0.2!000 *117\n', 0.2),  # a digit that became the end of the line
+    (b'c 0 0.25000 793\n', 0.25),  # an asterisk corrupted to a digit: the space protects
+    (b'c 0 0.;5000 *117\n', 0.0),  # a digit corrupted to the start of a comment
+    (b'c 0 0.2!000 *117\n', 0.2),  # a digit corrupted to the end of the line
     (b'c 0 nan\n', 0.0)])
 def test_odrive_obeys_damaged_lines_like_the_firmware(board, line, torque):
     board.receive(b'w axis0.requested_state 8\n', 0.0)

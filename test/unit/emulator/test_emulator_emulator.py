@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A driver on a real serial device, an emulated drive and the ball behind it."""
+"""A driver on a real serial device, an emulated drive, and the ball that it actuates."""
 import os
 from pathlib import Path
 import re
@@ -25,8 +25,8 @@ from ballbot_ros.physics.simulation.scene import load_scene
 BAUD, OTHER = 460800, 57600
 BIT_RATE, OTHER_BIT_RATE = 1000000, 250000  # of a CAN bus
 TORQUE = 0.02
-WATCHDOG = 0.5  # of the drive: a busy machine may hold a test up for as long [s]
-REPLY_TIMEOUT = 10.0  # with the answers of a drive that waits for the processor [s]
+WATCHDOG = 0.5  # of the drive: a busy machine may delay a test that long [s]
+REPLY_TIMEOUT = 10.0  # includes the wait of the drive for the processor [s]
 
 
 @pytest.fixture(scope='module')
@@ -36,27 +36,27 @@ def scene():
 
 
 def rates(protocol):
-    """Return the rate of an emulator and another one, as its line has them."""
+    """Return the rate of an emulator and another rate, as its kind of line uses them."""
     return (BAUD, OTHER) if line_of(protocol) is SERIAL else (BIT_RATE, OTHER_BIT_RATE)
 
 
 def made(protocol, scene, **options):
-    """Return an emulator that is not started yet."""
+    """Return an emulator that is not yet started."""
     settings = settings_for(scene.model.robot, watchdog=WATCHDOG)
     return Emulator(protocol, scene, rates(protocol)[0], settings, **options)
 
 
 @pytest.fixture
 def emulator(scene, tmp_path):
-    """Return a running ODrive with a link that stays."""
+    """Yield a running ODrive with a permanent link."""
     with made('odrive', scene, link=tmp_path / 'ttyBall') as running:
         yield running
 
 
 def connect(emulator, protocol='odrive'):
-    """Return an open link and a driver that has shaken hands."""
+    """Return an open link and a driver after its handshake."""
     link = open_line(protocol, emulator.path, rates(protocol)[0])
-    # What an ODrive does not report over CAN a person has read with odrivetool.
+    # Values that an ODrive does not report over CAN, as read with odrivetool.
     confirmed = {'firmware': '0.5.6', 'confirmed': dict(emulator.device.properties)} \
         if protocol == 'odrive_can' else {}
     driver = open_driver(protocol, link, read_options(
@@ -86,7 +86,7 @@ def test_a_torque_over_the_line_swings_the_pendulum_and_rolls_the_ball(scene, pr
             assert all(setting.acceptable for setting in driver.read_settings())
             driver.arm(REPLY_TIMEOUT)
             telemetry = drive(driver, 0.4)
-            # A voltage is right for the speed that was measured, not for the one of now.
+            # A voltage is correct for the measured speed, not for the present one.
             near = 1e-3 if driver.closes_torque_loop else 0.4
             assert emulator.torque == pytest.approx(TORQUE, rel=near)
             driver.stop()
@@ -251,7 +251,7 @@ def test_telemetry_stays_true_on_a_bad_line(scene, protocol, fault):
                     positions[telemetry.time] = telemetry.position
                 voltages.add(telemetry.bus_voltage)
         assert voltages <= {None, 12.0}
-        # The ball is at rest: the pendulum hangs, and so it must read.
+        # The ball is at rest: the measured pendulum angle must be that of hanging.
         assert max(map(abs, positions.values())) < 0.01
 
 

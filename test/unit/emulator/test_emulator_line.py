@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bytes take their time on the line, and faults befalls as many as it says."""
+"""Bytes take time on the line, and faults affect the given fraction of them."""
 import random
 
 import pytest
@@ -9,7 +9,7 @@ from ballbot_ros.emulator.line import Direction, LineFaults
 
 
 def line(baud=115200, **faults):
-    """Return a line with faults on it."""
+    """Return a line with faults."""
     made = Direction(baud, random.Random(1))
     made.faults = LineFaults(**faults)
     return made

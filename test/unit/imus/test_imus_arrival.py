@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Times of measurement from arrivals that a machine delays at random."""
+"""Times of measurement from randomly delayed arrivals."""
 from hypothesis import given, strategies as some
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ lateness = some.lists(some.floats(0.0, 3.0 * PERIOD), min_size=1, max_size=200)
 
 
 def stamps(late, period=PERIOD, clock=1.0):
-    """Return when each was sent by the clock, and by us."""
+    """Return true times of sending, arrival times, and estimated times of sending [s]."""
     sent = period * clock * np.arange(len(late)) + 100.0
     arrivals = np.maximum.accumulate(sent + np.array(late))
     found = ArrivalClock(period)
@@ -19,7 +19,7 @@ def stamps(late, period=PERIOD, clock=1.0):
 
 
 @given(lateness)
-def test_a_stamp_is_never_later_than_the_arrival_and_never_earlier_than_the_one_before(late):
+def test_a_stamp_is_never_later_than_its_arrival_nor_earlier_than_the_previous_stamp(late):
     _, arrivals, found = stamps(late)
     assert np.all(found <= arrivals + 1e-9) and np.all(np.diff(found) >= 0.0)
 
@@ -29,8 +29,8 @@ def test_punctual_readings_are_stamped_with_their_arrival():
     assert found == pytest.approx(sent)
 
 
-def test_bursts_are_spread_out_again():
-    # A USB adapter hands over every 16 ms what has come.
+def test_stamps_of_a_burst_are_evenly_spaced():
+    # A USB adapter delivers the received bytes every 16 ms.
     sent = PERIOD * np.arange(2000)
     arrivals = np.ceil(sent / 0.016) * 0.016
     clock = ArrivalClock(PERIOD)
@@ -39,7 +39,7 @@ def test_bursts_are_spread_out_again():
     assert np.abs(np.diff(found))[200:].max() < 1.1 * PERIOD
 
 
-def test_one_that_is_late_moves_no_other():
+def test_a_late_reading_does_not_shift_other_stamps():
     late = [0.0] * 100
     late[50] = 2.0 * PERIOD
     sent, _, found = stamps(late)
@@ -47,19 +47,19 @@ def test_one_that_is_late_moves_no_other():
 
 
 @pytest.mark.parametrize('clock', (0.995, 0.999, 1.0, 1.001, 1.005))
-def test_a_clock_that_runs_wrong_is_followed(clock):
+def test_the_drift_of_a_clock_is_followed(clock):
     generator = np.random.default_rng(1)
     sent, _, found = stamps(generator.exponential(0.0005, 4000), clock=clock)
     assert np.abs(found - sent)[500:].max() < 0.002
 
 
-def test_after_a_gap_it_starts_again():
+def test_the_estimate_restarts_after_a_gap():
     clock = ArrivalClock(PERIOD)
     clock.sent(1.0)
     assert clock.sent(1.0 + (LOST_PERIODS + 2.0) * PERIOD) == 1.0 + (LOST_PERIODS + 2.0) * PERIOD
 
 
-def test_after_a_reset_the_next_arrival_is_in_time():
+def test_after_a_reset_the_stamp_is_the_next_arrival():
     clock = ArrivalClock(PERIOD)
     clock.sent(1.0)
     clock.reset()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a sensor is mounted: all 24 ways there are, and none of the others."""
+"""Mounting of a sensor: all 24 orientations, and no others."""
 from itertools import permutations, product
 
 import numpy as np
@@ -13,7 +13,7 @@ ALL = [' '.join(sign + name for sign, name in zip(signs, names))
        for names in permutations('xyz') for signs in product(('', '-'), repeat=3)]
 
 
-def test_a_sensor_can_be_mounted_in_24_ways_and_each_turns_and_mirrors_not():
+def test_a_sensor_has_24_orientations_and_each_is_a_rotation():
     mountable = []
     for words in ALL:
         try:
@@ -28,7 +28,7 @@ def test_a_sensor_can_be_mounted_in_24_ways_and_each_turns_and_mirrors_not():
     assert len(mountable) == 24
 
 
-def test_the_words_are_forward_left_and_up():
+def test_the_axes_are_forward_left_and_up():
     assert Axes('x y z').turned((1.0, 2.0, 3.0)) == (1.0, 2.0, 3.0)
     # The sensor's y axis points backward, its x axis to the left.
     assert Axes('-y x z').turned((1.0, 2.0, 3.0)) == (-2.0, 1.0, 3.0)

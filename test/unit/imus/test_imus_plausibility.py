@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plausibility of an IMU: every motion of the robot passes, each kind of wrong sensor does not."""
+"""Plausibility of an IMU: every motion of the robot passes, every kind of sensor fault fails."""
 import math
 
 import numpy as np
@@ -29,7 +29,7 @@ def readings(terrain, seconds, torque, speed=0.0):
 
 
 def fault(data, change=lambda rate, forward, upward: (rate, forward, upward), encoder=True):
-    """Return the first fault, and when it was found [s]."""
+    """Return the first fault and the time of its detection [s]."""
     state = ImuPlausibility()
     for stamp, rate, forward, upward, joint in data:
         state = state.after(stamp, *change(rate, forward, upward), GRAVITY,
@@ -41,7 +41,7 @@ def fault(data, change=lambda rate, forward, upward: (rate, forward, upward), en
 
 @pytest.fixture(scope='module')
 def rolling():
-    """Return a robot that starts to roll on level ground."""
+    """Return the readings of a robot that starts to roll on level ground."""
     return readings([{'flat': {'length': 40.0}}], 8.0, lambda time: 0.3)
 
 
@@ -67,12 +67,12 @@ def test_a_correct_sensor_is_plausible(rolling):
     (lambda rate, forward, upward: (math.degrees(rate), forward, upward), 'imu_turn_rate', 2.0),
     (lambda rate, forward, upward: (-rate, forward, -upward), 'imu_turn_rate', 6.0)],
     ids=['frozen', 'in g', 'without gravity', 'gravity twice', 'deg/s', 'upside down'])
-def test_a_wrong_sensor_is_found(rolling, change, reason, within):
+def test_a_sensor_fault_is_detected(rolling, change, reason, within):
     found, when = fault(rolling, change)
     assert found == reason and when < within and EXPLANATIONS[reason]
 
 
-def test_without_an_encoder_identical_readings_are_no_measurement(rolling):
+def test_without_an_encoder_identical_readings_are_a_fault(rolling):
     found, when = fault(rolling, lambda *_: (0.0, 0.0, 9.81), encoder=False)
     assert found == 'imu_frozen' and when == pytest.approx(0.25, abs=0.02)
 
@@ -94,7 +94,7 @@ def test_a_constant_error_of_the_gyro_is_not_a_fault(rolling):
 
 
 @pytest.mark.parametrize('bias', [-0.1, 0.0, 0.1])
-def test_an_encoder_that_stands_still_while_the_shell_creeps_is_found_with_a_gyro_error(bias):
+def test_a_frozen_encoder_is_detected_on_a_creeping_shell_despite_a_gyro_bias(bias):
     rate = 0.05  # of the shell [rad/s]
     creeping = [(number / RATE, rate, GRAVITY * math.sin(rate * number / RATE),
                  GRAVITY * math.cos(rate * number / RATE)) for number in range(round(140 * RATE))]

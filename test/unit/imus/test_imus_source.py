@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sensor on a line: set up, found at another baud rate, unplugged, frozen, back again."""
+"""A sensor on a line: configured, found at another baud rate, unplugged, frozen, reconnected."""
 from types import SimpleNamespace
 
 import pytest
@@ -15,7 +15,7 @@ TICK = 0.001
 
 
 class SensorLine:
-    """A sensor, a cable, and a clock that only the test moves."""
+    """A sensor, a cable, and a clock that only the test advances."""
 
     port = 'line'
 
@@ -33,7 +33,7 @@ class SensorLine:
         return self
 
     def close(self):
-        """Count it."""
+        """Decrement the number of open lines."""
         self.lines -= 1
 
     def clock(self):
@@ -41,21 +41,21 @@ class SensorLine:
         return self.now
 
     def sleep(self, seconds):
-        """Let time pass; the sensor talks."""
+        """Advance time; the sensor sends its readings."""
         end = self.now + seconds
         while self.now < end:
             self.now += TICK
             self.noise += 1
-            # No two readings are alike, as of a real one.
+            # Readings never repeat, as those of a real sensor.
             x, y, z = self.device.force
             self.device.force = (x, y, 9.81 + 0.01 * (self.noise % 7))
             data = self.device.tick(self.now)
-            # At another baud rate every byte is another one.
+            # At another baud rate every byte differs.
             self.waiting += data if self.baud == self.device.baud else bytes(
                 (value * 7 + 3) % 256 for value in data[::2])
 
     def wait(self, seconds):
-        """Wait until bytes come."""
+        """Wait until bytes arrive."""
         end = self.now + seconds
         while not self.waiting and self.now < end:
             self.sleep(TICK)
@@ -64,12 +64,12 @@ class SensorLine:
         return bool(self.waiting)
 
     def read(self):
-        """Return what has come."""
+        """Return the received bytes."""
         data, self.waiting = self.waiting, b''
         return data
 
     def write(self, data):
-        """Give bytes to the sensor."""
+        """Send bytes to the sensor."""
         if not self.plugged:
             raise LinkError('line was unplugged', 'gone', 'port')
         if self.baud == self.device.baud:
@@ -82,7 +82,7 @@ def source_of(line, axes='x y z', baud=115200, rate=200, latency=0.003):
 
 
 def run(line, source, seconds):
-    """Return what is read in a while."""
+    """Return the readings of some seconds."""
     end, found = line.now + seconds, []
     while line.now < end:
         found += source.read(0.05)
@@ -91,7 +91,7 @@ def run(line, source, seconds):
 
 @pytest.fixture
 def line(monkeypatch):
-    """Return a line with a sensor, on whose clock a source runs."""
+    """Return a line with a sensor, whose clock the source uses."""
     line = SensorLine()
     monkeypatch.setattr(source_module, 'time', SimpleNamespace(
         monotonic=line.clock, sleep=lambda seconds: line.sleep(seconds)))
@@ -106,7 +106,7 @@ def reading(line):
     return line, source
 
 
-def test_a_sensor_as_it_leaves_the_factory_is_found_and_configured(line):
+def test_a_sensor_in_factory_settings_is_found_and_configured(line):
     source = source_of(line)
     assert run(line, source, 2.5)
     assert line.device.baud == 115200 and not source.trouble
@@ -129,14 +129,14 @@ def test_readings_are_in_the_axes_of_the_shell(reading):
     assert last.force[:2] == pytest.approx((-2.0, 1.0), abs=0.01)
 
 
-def test_a_stamp_is_that_of_the_measurement_and_not_of_the_arrival(reading):
+def test_a_stamp_is_the_time_of_measurement_and_not_of_arrival(reading):
     line, source = reading
     last = run(line, source, 0.5)[-1]
     on_the_wire = 22 * 10 / 115200
     assert line.now - last.stamp == pytest.approx(0.003 + on_the_wire, abs=2.0 * TICK)
 
 
-def test_stamps_are_even_though_the_thread_is_delayed(reading):
+def test_stamps_are_evenly_spaced_although_the_thread_is_delayed(reading):
     line, source = reading
     found = []
     for number in range(60):
@@ -146,12 +146,12 @@ def test_stamps_are_even_though_the_thread_is_delayed(reading):
     assert min(steps) > 0.003 and max(steps) < 0.007
 
 
-def test_an_unplugged_sensor_is_found_again_and_set_up_again(reading):
+def test_a_replugged_sensor_is_found_and_configured_again(reading):
     line, source = reading
     line.plugged = False
     assert not run(line, source, 1.0)
     assert 'line' in source.trouble and source.counts['lost'] == 1 and line.lines == 0
-    line.device.boot()  # without power it has forgotten
+    line.device.boot()  # without power, the sensor loses its settings
     line.plugged = True
     assert run(line, source, 3.0) and not source.trouble
     assert len(run(line, source, 1.0)) == pytest.approx(200, abs=2)
@@ -171,7 +171,7 @@ def test_repeated_readings_are_not_used(reading):
     assert source.trouble == EXPLANATIONS['imu_frozen']
 
 
-def test_the_end_of_the_range_is_counted(reading):
+def test_saturated_readings_are_counted(reading):
     line, source = reading
     line.device.turn_rate = (50.0, 0.0, 0.0)
     last = run(line, source, 0.5)[-1]

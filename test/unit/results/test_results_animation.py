@@ -15,7 +15,7 @@ from ballbot_ros.figures.animation import mean_forces
 from ballbot_ros.physics import load_scene
 
 DURATION = 0.24  # of the run; contact with the step begins at 0.145 s
-BALL = (0, 114, 178)  # its outline
+BALL = (0, 114, 178)  # colour of its outline
 
 
 @pytest.fixture(scope='module')
@@ -26,7 +26,7 @@ def run():
 
 
 def frames_of(path):
-    """Return the pictures of a GIF as arrays, and how long each stands [ms]."""
+    """Return the pictures of a GIF as arrays, and their durations [ms]."""
     with Image.open(path) as image:
         pictures, periods = [], []
         for number in range(image.n_frames):
@@ -44,7 +44,7 @@ def middle_of_ball(picture):
 
 @pytest.fixture(scope='module')
 def gif(run, tmp_path_factory):
-    """Return the pictures of the run, and how long each stands [ms]."""
+    """Return the pictures of the run, and their durations [ms]."""
     path = tmp_path_factory.mktemp('animation') / 'run.gif'
     animate(run, path, 'a step')
     assert path.stat().st_size < 2e6 / 3.0 * DURATION
@@ -52,7 +52,7 @@ def gif(run, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_a_gif_takes_as_long_as_the_run_and_then_stands_for_a_second(gif):
+def test_a_gif_lasts_as_long_as_the_run_and_shows_its_end_for_a_second(gif):
     pictures, periods = gif
     assert sum(periods[:-1]) == pytest.approx(1e3 * DURATION, abs=20.0)
     assert periods[-1] == periods[0] + 1000
@@ -96,7 +96,7 @@ def test_a_run_of_one_sample_is_one_picture(run, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_long_way_is_followed_so_that_the_ball_stays_in_the_picture(run, tmp_path):
+def test_the_view_follows_the_ball_over_a_long_distance(run, tmp_path):
     rows = run.rows[:3].copy()
     rows[:, 0], rows[:, 1] = (0.0, 0.04, 0.08), (0.0, 50.0, 100.0)
     animate(replace(run, rows=rows), tmp_path / 'far.gif')
@@ -120,7 +120,7 @@ def test_mean_forces_carry_the_momentum_of_the_run(run):
     assert lift == pytest.approx(gained + robot.total_mass * robot.gravity * span, rel=0.02)
 
 
-def test_arrows_begin_on_the_shell_and_edge_and_floor_have_one_each(run):
+def test_arrows_start_on_the_shell_one_each_for_edge_and_floor(run):
     touch = int(np.flatnonzero(run['edge_normal_force'] > 0.0)[0])
     arrows = mean_forces(run, np.array([touch]))[0]
     assert len(arrows) == 2
@@ -137,7 +137,7 @@ def test_progress_is_reported_up_to_the_end(run, tmp_path):
 
 
 @pytest.mark.slow
-def test_an_end_on_the_way_leaves_no_file(run, tmp_path):
+def test_an_interruption_leaves_no_file(run, tmp_path):
     def stop(done):
         raise KeyboardInterrupt
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures exist for every scene, show something and are to scale."""
+"""Figures exist for every scene, are not empty and are to scale."""
 from functools import lru_cache
 import warnings
 
@@ -22,7 +22,7 @@ def run_of(name):
 
 
 def pixels(figure):
-    figure.set_dpi(60)  # enough to see whether there is something
+    figure.set_dpi(60)  # enough to detect an empty figure
     figure.canvas.draw()
     return np.asarray(figure.canvas.buffer_rgba())[..., :3]
 
@@ -37,7 +37,7 @@ def test_each_scene_gives_a_figure_without_warnings(scene, draw):
     coloured = np.ptp(image.astype(int), axis=2) > 30
     assert coloured.mean() > 0.001
     border = (image[:2], image[-2:], image[:, :2], image[:, -2:])
-    assert all((edge == 255).all() for edge in border), 'something is cut off'
+    assert all((edge == 255).all() for edge in border), 'the figure is cut off'
 
 
 @pytest.mark.parametrize('scene', [*SCENES[:2], *slow(*SCENES[2:])])
@@ -66,7 +66,7 @@ def test_outlines_keep_a_distance_and_show_start_and_end(scene):
         assert apart.min() > 0.19 * chosen.gap
 
 
-def test_a_ball_that_turns_back_gets_a_row_of_its_own():
+def test_a_ball_that_rolls_back_gets_a_separate_row():
     run = run_of('ramp_release')
     rows = lay_out(run).rows
     assert len(rows) == 2
@@ -75,7 +75,7 @@ def test_a_ball_that_turns_back_gets_a_row_of_its_own():
 
 
 def far_run(distance, gimball):
-    """Return a ball that rolls evenly, and hits an edge two thirds of the way."""
+    """Return a ball that rolls uniformly, and an edge at two thirds of the distance."""
     edge = 2.0 * distance / 3.0
     model = Model(gimball, Terrain.step(0.02, at=edge))
     start = model.at_rest(0.0)
@@ -128,7 +128,7 @@ def test_an_unknown_format_is_refused_with_the_known_ones(tmp_path):
 
 
 @pytest.mark.slow
-def test_drawing_leaves_the_settings_of_matplotlib_alone():
+def test_drawing_does_not_change_the_settings_of_matplotlib():
     import matplotlib
     before = dict(matplotlib.rcParams)
     time_series(run_of('flat'))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files of a run: nothing is lost, nothing is left half-done."""
+"""Files of a run contain all values to the bit, and are never incomplete."""
 import csv
 
 import numpy as np
@@ -28,7 +28,7 @@ def written(request, trajectory, tmp_path):
     return path
 
 
-def test_every_number_comes_back_to_the_last_bit(written, trajectory):
+def test_every_number_is_read_back_to_the_last_bit(written, trajectory):
     columns = read_columns(written)
     assert list(columns) == list(UNITS)
     for name in UNITS:
@@ -47,14 +47,14 @@ def test_header_is_one_row_of_names_with_units(trajectory, tmp_path):
         assert sum(1 for _ in rows) == len(trajectory)
 
 
-def test_a_long_run_is_written_in_blocks_without_a_seam(trajectory, tmp_path, monkeypatch):
+def test_a_long_run_is_written_in_blocks_without_gaps(trajectory, tmp_path, monkeypatch):
     write_csv(trajectory, tmp_path / 'whole.csv')
     monkeypatch.setattr(files, '_BLOCK', 7)
     write_csv(trajectory, tmp_path / 'blocks.csv')
     assert (tmp_path / 'whole.csv').read_bytes() == (tmp_path / 'blocks.csv').read_bytes()
 
 
-def test_numbers_that_are_not_finite_survive_too(trajectory, tmp_path):
+def test_nonfinite_numbers_are_preserved(trajectory, tmp_path):
     rows = trajectory.rows[:5].copy()
     rows[3, 3], rows[4, 4] = np.nan, -np.inf
     broken = type(trajectory)(trajectory.model, rows)
@@ -75,7 +75,7 @@ def test_interrupted_writing_keeps_the_old_file_and_leaves_no_other(tmp_path, in
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_folder_that_cannot_be_made_is_named(trajectory, tmp_path):
+def test_a_folder_that_cannot_be_created_is_named(trajectory, tmp_path):
     (tmp_path / 'taken').write_text('')
     with refused('not_writable', str(tmp_path / 'taken' / 'run.csv')):
         write_csv(trajectory, tmp_path / 'taken' / 'run.csv')

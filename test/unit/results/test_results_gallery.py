@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The figures are drawn, say that they are simulated, and keep what an interruption leaves."""
+"""The figures are drawn, state that they are simulated, and are kept after an interruption."""
 import sys
 
 import numpy as np
@@ -16,7 +16,7 @@ FEW = np.array([0.4, 0.6, 0.8, 1.0, 1.1])
 
 @pytest.fixture
 def coarse(monkeypatch):
-    """Make every figure quick."""
+    """Reduce the cost of every figure."""
     for module in (paper, design):
         monkeypatch.setattr(module, 'SPEEDS', FEW)
     monkeypatch.setattr(paper, 'MUJOCO_SPEEDS', FEW[:1])
@@ -45,7 +45,7 @@ def words(figure):
 @pytest.mark.parametrize('name', [
     pytest.param(name, marks=() if name in ('fig6', 'design') else pytest.mark.slow)
     for name in paper.FIGURES])
-def test_every_figure_says_where_it_comes_from_and_reports_its_progress(name, coarse):
+def test_every_figure_states_its_origin_and_reports_its_progress(name, coarse):
     fractions = []
     text = words(paper.FIGURES[name](fractions.append))
     assert ('re-simulated' if name.startswith('fig') else 'simulated with the full') in text
@@ -58,12 +58,12 @@ def test_figure_6_has_the_three_printed_points(coarse):
     np.testing.assert_allclose(stars.get_xydata(), [[0.76, 21.0], [0.78, 31.0], [1.09, 56.0]])
 
 
-def test_figure_8_says_when_there_is_no_second_simulator(coarse, monkeypatch):
+def test_figure_8_reports_a_missing_second_simulator(coarse, monkeypatch):
     monkeypatch.setitem(sys.modules, 'mujoco', None)
     assert 'MuJoCo is not installed' in words(paper.figure_8())
 
 
-def test_rolls_are_drawn_by_what_came_of_them():
+def test_rolls_are_drawn_according_to_their_outcome():
     nan = float('nan')
     figure = heights.bench_figure([
         Roll(0.01, 1.0, 0.5, True, 0.4, 0.0), Roll(0.01, 1.0, 0.3, False, 0.2, 0.0),
@@ -84,7 +84,7 @@ def test_an_unknown_figure_is_refused_with_the_nearest(capsys, tmp_path):
     assert 'did you mean' in capsys.readouterr().err
 
 
-def test_an_interruption_keeps_the_figures_that_are_done(capsys, tmp_path, monkeypatch, coarse):
+def test_an_interruption_keeps_the_completed_figures(capsys, tmp_path, monkeypatch, coarse):
     def stop(progress):
         raise KeyboardInterrupt
 

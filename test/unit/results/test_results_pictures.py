@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What pictures say is what they show, and every one can be made again by a command."""
+"""The text of pictures matches their content, and a command reproduces each picture."""
 import argparse
 from pathlib import Path
 import re
@@ -21,7 +21,7 @@ MADE_BY = re.compile(r'`(ballbot |make |(\.venv/bin/)?python |scripts/|bench/)')
 
 
 def words_of(figure):
-    """Return all that is written in a figure."""
+    """Return all text of a figure."""
     texts = [text.get_text() for text in figure.texts]
     for axes in figure.axes:
         texts += [text.get_text() for text in axes.texts]
@@ -43,7 +43,7 @@ def crossing():
     return Trajectory(scene.model, rows)
 
 
-def test_the_words_of_a_legend_are_the_colours_that_are_drawn():
+def test_the_colour_names_of_a_legend_match_the_drawn_colours():
     class Axes:
         colours = []
 
@@ -66,7 +66,7 @@ def test_the_words_of_a_legend_are_the_colours_that_are_drawn():
     assert f'the ground contact forces ({canvas.NAMES[canvas.ORANGE]})' in page
 
 
-def test_the_strip_says_what_was_decided_and_what_became_of_each_step():
+def test_the_strip_states_the_decision_and_the_result_at_each_step():
     run = crossing()
     words = words_of(strip(run, 'fig7_bottom', [
         Mark(0.1, 'CROSS', True), Mark(0.9, 'GO ROUND', False), Mark(9.0, 'later', True)]))
@@ -76,7 +76,7 @@ def test_the_strip_says_what_was_decided_and_what_became_of_each_step():
     assert legend() in '; '.join(words)
 
 
-def test_a_residual_plot_says_that_the_fit_is_bad_and_which_command_made_it():
+def test_a_residual_plot_states_a_bad_fit_and_its_command():
     time, chance = np.linspace(0.0, 1.0, 400), np.random.default_rng(0)
     motion, noise = np.sin(5.0 * time), chance.normal(0.0, 1e-3, 400)
     channels = {'ball_angle': channel_fit(motion, noise, 1e-3, 0.0),
@@ -96,7 +96,7 @@ def test_integration_error_alone_does_not_warn():
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
-def test_every_picture_of_a_document_names_the_command_that_makes_it(page):
+def test_every_picture_of_a_document_has_the_command_that_makes_it(page):
     lines = page.read_text(encoding='utf-8').splitlines()
     for number, line in enumerate(lines):
         if line.startswith('!['):
@@ -104,7 +104,7 @@ def test_every_picture_of_a_document_names_the_command_that_makes_it(page):
             assert MADE_BY.search(near), f'{page.name}:{number + 1}: {line}'
 
 
-def test_the_caption_of_residuals_is_the_whole_command():
+def test_the_caption_of_residuals_is_the_complete_command():
     words = ['hall.yaml', 'runs/run.csv', '--estimate', 'joint_friction', 'initial.speed',
              '--channels', 'x', '--recorded-torque']
     parser = argparse.ArgumentParser()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Implausible values are questioned; a run that writes gigabytes warns before it starts."""
+"""Implausible values cause warnings, as do runs that write gigabytes, before they start."""
 import argparse
 from dataclasses import replace
 import re
@@ -29,7 +29,7 @@ def warned(**sections):
     ({'initial': {'speed': 78}}, '281 km/h'),
     ({'initial': {'pendulum_angle_deg': 200}}, '-160 is the same angle'),
     ({'actuation': {'law': 'position', 'set_angle_deg': 120}}, '90 is horizontal')])
-def test_implausible_values_are_questioned(sections, message):
+def test_implausible_values_cause_warnings(sections, message):
     question, = warned(**sections)
     assert message in question
 
@@ -47,7 +47,7 @@ def test_shipped_robots_are_plausible(name):
     ({'pendulum_inertia': 350.0}, ['does not fit into the ball', 'g cm2']),
     ({'contact_stiffness': 65.0}, ['of its radius: contact_stiffness is 65 N/m', '65 N/mm']),
     ({'gravity': 9810.0}, ['9810 mm/s2 would be 9.81 m/s2'])])
-def test_a_robot_that_contradicts_physics_is_questioned_in_python(changes, words):
+def test_a_robot_that_contradicts_physics_causes_warnings_in_python(changes, words):
     with pytest.warns(PlausibilityWarning) as warned_about:
         robot = load_robot('gimball').replace(**changes)
     text = '\n'.join(str(item.message) for item in warned_about)
@@ -61,7 +61,7 @@ def test_a_robot_that_contradicts_physics_is_questioned_in_python(changes, words
     ['sweep', '--vary', 'speed=0.5', '--out', 'a.parquet', '--robot'],
     ['fit-curve', '--out', 'a.yaml', '--robot'], ['new', 'robot', 'b.yaml', '--robot'],
     ['test-bench', '--robot']])
-def test_a_robot_that_contradicts_physics_is_questioned_in_every_verb(
+def test_a_robot_that_contradicts_physics_causes_warnings_in_every_verb(
         words, tmp_path, monkeypatch, capsys):
     def work(*_, **__):
         raise ConfigurationError('the work begins', 'missing', '')
@@ -87,7 +87,7 @@ def test_a_robot_that_contradicts_physics_is_questioned_in_every_verb(
     (['sweep', '--vary', 'speed=0.5,78', '--out', 'a.parquet'], 'speed is 78 m/s, 281 km/h'),
     (['sweep', '--fix', 'speed=0.5', '--vary', 'height=0.01,31', '--out', 'a.parquet'],
      'the step of 31 m to be tried is higher than the ball')])
-def test_numbers_of_the_command_line_are_questioned_before_the_work(
+def test_implausible_options_cause_warnings_before_the_run(
         words, message, tmp_path, monkeypatch, capsys):
     def work(*_, **__):
         raise ConfigurationError('the work begins', 'missing', '')
@@ -110,7 +110,7 @@ def test_a_quiet_run_prints_each_warning_once(tmp_path, capsys):
     assert len(lines) == len(set(lines)) and any('mean density' in line for line in lines)
 
 
-def test_a_held_angle_above_level_is_questioned():
+def test_a_held_angle_above_horizontal_causes_a_warning():
     def law(angle):
         return read_law(argparse.Namespace(actuation='held', angle_deg=angle, voltage=None))
     with pytest.warns(PlausibilityWarning, match='120'):
@@ -118,7 +118,7 @@ def test_a_held_angle_above_level_is_questioned():
     law(90.0)
 
 
-def test_a_run_of_gigabytes_says_so_first_and_offers_a_coarser_step(tmp_path, monkeypatch):
+def test_a_run_of_gigabytes_first_warns_and_suggests_a_coarser_step(tmp_path, monkeypatch):
     scene = load_scene('flat')
     long = replace(scene, run=replace(scene.run, duration=86400.0, output_step=0.01))
     with pytest.warns(UserWarning, match=r'\b8\.6 .*--output-step 1 .*\b0\.086 '):

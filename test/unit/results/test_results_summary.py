@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The summary of a run agrees with the run, and warns where a person should."""
+"""The summary of a run agrees with the run, and warns about questionable results."""
 from dataclasses import replace
 import json
 import math
@@ -24,7 +24,7 @@ def scene_of(**sections):
     return read_scene({'robot': 'gimball', 'duration': 0.5, **sections}, 'test', 'test')
 
 
-def test_numbers_are_those_of_the_trajectory():
+def test_numbers_match_the_trajectory():
     scene = load_scene('fig7_bottom')
     run = scene.simulate()
     summary = summarise(run, 0.5)
@@ -40,7 +40,7 @@ def test_numbers_are_those_of_the_trajectory():
 def test_speed_at_the_touch_is_the_speed_before_the_impact():
     face, = summary_of('fig7_top').faces
     assert face.height == pytest.approx(0.021)
-    # The 21 mm step at 0.76 m/s of the paper; rolling friction takes a little on the way.
+    # The 21 mm step at 0.76 m/s of the paper, less a small loss by rolling friction.
     assert 0.74 < face.touch_speed <= 0.76
     assert face.passed
 
@@ -61,7 +61,7 @@ def test_contacts_and_extremes_do_not_depend_on_the_output_step(name, output_ste
         assert getattr(coarse, number) == pytest.approx(getattr(fine, number), rel=0.02, abs=1e-3)
 
 
-def test_a_step_that_sends_the_ball_back_is_not_passed():
+def test_a_step_that_reflects_the_ball_is_not_passed():
     scene = scene_of(terrain=[{'flat': {'length': 1.0}}, {'step': {'height': 0.09}},
                               {'flat': {'length': 1.0}}], initial={'x': 0.6, 'speed': 0.5})
     face, = summarise(scene.simulate()).faces
@@ -86,7 +86,7 @@ def test_rolling_down_a_step_is_not_a_contact_with_its_face():
     ({'cord': {'diameter': 0.008}}, [None]),
     ({'carpet': {'thickness': 0.006, 'length': 0.5}}, [0.006]),
     ({'threshold': {'height': 0.01, 'width': 0.06, 'bevel': 0.015}}, [0.01])])
-def test_faces_are_what_a_ball_hits_not_what_it_rolls_up(piece, heights):
+def test_faces_are_obstacles_that_a_ball_hits_and_no_slopes(piece, heights):
     terrain = read_terrain([{'flat': {'length': 1.0}}, piece, {'flat': {'length': 1.0}}], 'here')
     found = [face[-1, 1] - face[0, 1] for face in rising_faces(terrain, 0.226)]
     expected = [terrain.vertices[:, 1].max() if height is None else height
@@ -94,7 +94,7 @@ def test_faces_are_what_a_ball_hits_not_what_it_rolls_up(piece, heights):
     assert found == pytest.approx(expected)
 
 
-def test_endless_ends_of_a_terrain_are_not_faces():
+def test_infinite_ends_of_a_terrain_are_not_faces():
     assert rising_faces(Terrain.slope(1.2), 0.226) == []
 
 
@@ -123,17 +123,17 @@ def test_a_number_that_is_not_finite_becomes_null_and_a_warning():
     assert any('not finite' in warning for warning in summary.warnings)
 
 
-def test_a_run_without_trouble_has_no_warnings():
+def test_a_normal_run_has_no_warnings():
     assert summary_of('fig7_bottom').warnings == ()
 
 
-def test_a_coarse_step_is_advised_against():
+def test_a_coarse_step_causes_a_warning():
     scene = scene_of(initial={'y': 0.6}, solver={'step': 1e-3}, output_step=1e-3)
     summary = summarise(scene.simulate())
     assert any('use a smaller step than 0.001 s' in warning for warning in summary.warnings)
 
 
-def test_sliding_all_along_is_reported():
+def test_permanent_sliding_is_reported():
     scene = scene_of(initial={'velocity_x': 2.0, 'ball_rate': 100.0}, duration=0.2)
     summary = summarise(scene.simulate())
     assert any('slid for 100%' in warning for warning in summary.warnings)
@@ -156,7 +156,7 @@ def test_an_early_end_is_reported():
     assert not summary.complete and 'ended early' in report(summary)
 
 
-def test_the_text_lines_up():
+def test_the_text_is_aligned():
     lines = report(summary_of('household')).split('\n\n')
     labels, table = lines[0].splitlines(), lines[1].splitlines()
     column = labels[0].index('household')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag on the page: what it says is shown at its time; what it does not say is not made up."""
+"""A bag on the page: recorded values are shown at their time, missing ones are not invented."""
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -62,7 +62,7 @@ def looked(time, points):
 
 
 def write_bag(folder, messages, metadata=None):
-    """Write (topic, message, time) to a bag; a time of the bag may be another than the stamp."""
+    """Write (topic, message, time) to a bag; the bag time may differ from the stamp."""
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         for key, text in (metadata or {}).items():
             writer.set_custom_data(key, text)
@@ -102,7 +102,7 @@ def played():
         source.close()
 
 
-def test_a_bag_without_the_true_state_shows_what_was_measured(tmp_path, played):
+def test_a_bag_without_the_true_state_shows_the_measurements(tmp_path, played):
     source = played(write_bag(tmp_path / 'bag', rolling(begin=1.7e9)), robot='gimball')
     assert source.span == (0.0, pytest.approx(2.0)) and len(source.history(-1.0)) == 201
     source.apply('seek', 1.0)
@@ -116,7 +116,7 @@ def test_a_bag_without_the_true_state_shows_what_was_measured(tmp_path, played):
     assert not source.health.notes
 
 
-def test_a_bag_that_says_what_it_was_made_with_has_robot_and_ground(tmp_path, played):
+def test_the_metadata_of_a_bag_give_robot_and_ground(tmp_path, played):
     made = bag_metadata(SIMULATOR, {'scene': 'shellball_drop'}, load_scene('shellball_drop'))
     source = played(write_bag(tmp_path / 'bag', rolling(), made))
     assert source.robot.name == 'shellball'
@@ -124,7 +124,7 @@ def test_a_bag_that_says_what_it_was_made_with_has_robot_and_ground(tmp_path, pl
         source.terrain.vertices == load_scene('shellball_drop').model.terrain.vertices).all()
 
 
-def test_the_curve_is_the_one_that_the_decision_had(tmp_path, played):
+def test_the_curve_is_that_of_the_recorded_decision(tmp_path, played):
     for name, decision in (('no', None), ('held', {'curve': 'gimball_horizontal'}),
                            ('gone', {'curve': '/nowhere/mine.yaml'})):
         made = bag_metadata(SIMULATOR, {'scene': 'doorstep'}, decision=decision)
@@ -134,7 +134,7 @@ def test_the_curve_is_the_one_that_the_decision_had(tmp_path, played):
     assert '/nowhere/mine.yaml' in source.health.notes[0]
 
 
-def test_of_a_bag_in_which_time_begins_again_the_last_run_is_shown_and_that_is_said(
+def test_a_bag_in_which_time_restarts_shows_the_last_run_and_a_note(
         tmp_path, played):
     again = [(topic, message, time + 5.0) for topic, message, time in rolling()]
     source = played(write_bag(tmp_path / 'bag', [*rolling(), *again]))
@@ -142,12 +142,12 @@ def test_of_a_bag_in_which_time_begins_again_the_last_run_is_shown_and_that_is_s
     assert source.span == (0.0, pytest.approx(2.0, abs=0.01))
 
 
-def test_a_bag_that_does_not_say_its_robot_is_drawn_as_gimball_and_says_so(tmp_path, played):
+def test_a_bag_without_a_robot_is_drawn_as_gimball_with_a_note(tmp_path, played):
     source = played(write_bag(tmp_path / 'bag', rolling()))
     assert source.robot.name == 'gimball' and '--robot NAME' in source.health.notes[0]
 
 
-def test_unknown_ground_is_what_was_seen(tmp_path, played):
+def test_unknown_ground_is_that_of_the_observations(tmp_path, played):
     messages = list(rolling())
     for time in (0.505, 1.505):
         ahead = 1.0 - 0.5 * (time - 0.005)
@@ -159,14 +159,14 @@ def test_unknown_ground_is_what_was_seen(tmp_path, played):
     assert source.terrain.height(2.6) == pytest.approx(0.05)
 
 
-def test_a_message_without_a_stamp_at_the_beginning_does_not_thin_out_the_frames(tmp_path, played):
-    # A latched e-stop was recorded at 0, the rest at some time of this century.
+def test_an_initial_message_without_a_stamp_does_not_thin_out_the_frames(tmp_path, played):
+    # A latched e-stop was recorded at 0, the other messages at the current time.
     stop = TYPES.types['std_msgs/msg/Bool'](True)
     source = played(write_bag(tmp_path / 'bag', [('/e_stop', stop, 0.0), *rolling(1.7e9)]))
     assert len(source.history(-1.0)) == 201 and source.shown.e_stop is True
 
 
-def test_of_several_robots_one_is_named(tmp_path, played):
+def test_one_of_several_robots_must_be_selected(tmp_path, played):
     bag = write_bag(tmp_path / 'bag', sorted(
         [*rolling(prefix='/left'), *rolling(prefix='/right', seconds=1.0)],
         key=lambda item: item[2]))
@@ -215,7 +215,7 @@ def test_controls_play_pause_seek_and_refuse(tmp_path, played):
             source.apply(name, value)
 
 
-def test_a_playback_goes_with_the_clock_and_begins_again_after_its_end():
+def test_a_playback_follows_the_clock_and_restarts_after_its_end():
     now, span = [10.0], [(2.0, 6.0)]
     play = Playback(lambda: span[0], lambda: now[0])
     assert play.place == 2.0
@@ -237,13 +237,13 @@ def test_a_playback_goes_with_the_clock_and_begins_again_after_its_end():
     assert play.place == 5.0
 
 
-def test_numbers_of_decisions_and_reasons_are_those_of_the_message():
+def test_decisions_and_reasons_have_the_values_of_the_message():
     for values, kinds in ((KINDS, Kind), (REASONS, Reason)):
         assert set(values.values()) == {'unknown', *(kind.value for kind in kinds)}
     assert KINDS[2] == 'cross' and REASONS[18] == 'likely'
 
 
-def test_the_true_state_goes_before_the_measured_one_only_while_it_comes():
+def test_the_true_state_precedes_the_measured_one_while_it_is_published():
     assembly = FrameAssembly(GIMBALL)
     state = SimpleNamespace(
         header=header(1.0), x=0.5, y=0.2, ball_angle=0.0, pendulum_angle=np.nan, velocity_x=0.0,

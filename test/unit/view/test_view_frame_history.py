@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames are found again by their time, and an earlier one begins a new epoch."""
+"""Frames are found by their time, and an earlier time starts a new epoch."""
 from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.source import FrameHistory
 
@@ -27,12 +27,12 @@ def test_the_frame_at_a_time_is_the_last_one_before_it():
     assert history.at(0.0).time == 1.0 and history.at(9.0).time == 3.0
 
 
-def test_history_begins_behind_the_time_asked_for():
+def test_history_starts_after_the_given_time():
     history = filled(1.0, 2.0, 3.0)
     assert times(history.since(1.0)) == [2.0, 3.0]
 
 
-def test_time_that_goes_back_begins_a_new_epoch():
+def test_a_jump_back_in_time_starts_a_new_epoch():
     history = filled(1.0, 2.0, 0.5)
     assert history.epoch == 1 and history.span == (0.5, 0.5)
     history.forget()
@@ -45,6 +45,6 @@ def test_a_thinned_history_keeps_the_first_and_every_second_frame():
     assert times(history.since(0.0)) == [1.0, 3.0, 5.0] and len(history) == 3
 
 
-def test_no_more_frames_are_kept_than_there_is_room_for():
+def test_the_number_of_frames_is_bounded():
     history = filled(*map(float, range(1000)), most=100)
     assert 100 <= len(history.since(-1.0)) <= 110 and history.newest.time == 999.0

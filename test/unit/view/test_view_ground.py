@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The step ahead is found, and changes without moving the ground below the ball."""
+"""The step ahead is found, and can change without moving the ground below the ball."""
 import numpy as np
 import pytest
 from refusals import refused
@@ -30,7 +30,7 @@ def test_a_slope_is_not_a_step():
     assert step_ahead(Terrain.slope(0.1), 0.0, RADIUS) is None
 
 
-def test_another_height_lifts_all_that_lies_behind_and_nothing_before(doorstep):
+def test_another_height_moves_the_ground_behind_the_step_only(doorstep):
     changed = with_step(doorstep, 0.0, RADIUS, 0.050)
     assert step_ahead(changed, 0.0, RADIUS) == pytest.approx((0.726, 0.050))
     assert step_ahead(changed, 1.0, RADIUS) == pytest.approx((3.726, 0.080))
@@ -38,7 +38,7 @@ def test_another_height_lifts_all_that_lies_behind_and_nothing_before(doorstep):
     assert changed.height(places) - doorstep.height(places) == pytest.approx([0.0, 0.0, 0.019])
 
 
-def test_a_step_may_become_a_drop_or_go_and_come_again(doorstep):
+def test_a_step_can_become_a_drop_or_be_removed(doorstep):
     assert step_ahead(with_step(doorstep, 0.0, RADIUS, -0.04), 0.0, RADIUS).height \
         == pytest.approx(-0.04)
     without = with_step(doorstep, 0.0, RADIUS, 0.0)
@@ -48,7 +48,7 @@ def test_a_step_may_become_a_drop_or_go_and_come_again(doorstep):
 @pytest.mark.parametrize('ground, x', [
     (Terrain.flat(), 0.0), (Terrain.flat(), -5.0), (Terrain.flat(), 7.0),
     (Terrain.slope(0.05), 2.0)])
-def test_where_no_step_is_ahead_one_is_made(ground, x):
+def test_a_step_is_added_if_none_is_ahead(ground, x):
     changed = with_step(ground, x, RADIUS, 0.03)
     made = step_ahead(changed, x, RADIUS)
     assert made == pytest.approx((x + NEW_STEP_DISTANCE, 0.03))
@@ -57,12 +57,12 @@ def test_where_no_step_is_ahead_one_is_made(ground, x):
     assert changed.height(behind) == pytest.approx(ground.height(behind) + 0.03)
 
 
-def test_no_step_of_no_height_is_made():
+def test_a_step_of_zero_height_is_not_added():
     flat = Terrain.flat()
     assert with_step(flat, 0.0, RADIUS, 0.0) is flat
 
 
-def test_friction_of_the_ground_stays_where_it_was():
+def test_the_friction_of_the_ground_is_kept():
     terrain = load_scene('household').model.terrain
     changed = with_step(terrain, 0.3, RADIUS, 0.02)
     frictions = terrain.surface_friction[~np.isnan(terrain.surface_friction)]

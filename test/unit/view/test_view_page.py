@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page draws for each viewer, and delays nothing for a viewer that does not read."""
+"""The page draws for each viewer, and is not delayed by a viewer that does not read."""
 from dataclasses import replace
 import time
 
@@ -23,7 +23,7 @@ def page():
 
 
 class Asker:
-    """A user of a widget, with the notifications it gets."""
+    """A user of a widget, with the received notifications."""
 
     def __init__(self):
         """Start without notifications."""
@@ -31,11 +31,11 @@ class Asker:
         self.client = self
 
     def add_notification(self, title, body, **_):
-        """Note what is shown."""
+        """Record a notification."""
         self.notifications.append((title, body))
 
 
-def test_time_begins_with_the_first_viewer(page):
+def test_time_starts_with_the_first_viewer(page):
     source = page._source
     page.start()
     assert source.shown.time == 0.0 and not source.health.running
@@ -47,7 +47,7 @@ def test_time_begins_with_the_first_viewer(page):
 def test_a_slow_browser_never_slows_a_simulation(page):
     source = page._source
     page.start()
-    # It takes the first bytes and then never reads again: its buffers are full soon.
+    # It reads the first bytes and then stops reading: its buffers fill soon.
     with looker.look(page.url, max_queue=1, close_timeout=0.1):
         source.apply('speed', 4.0)
         wait_until(lambda: source.shown.time > 3.0)
@@ -70,7 +70,7 @@ def test_a_closed_browser_never_slows_a_simulation(page):
     assert page.frames <= drawn + 1
 
 
-def test_a_refusal_is_shown_in_the_page_in_its_own_words(page, monkeypatch):
+def test_a_refusal_is_shown_verbatim_in_the_page(page, monkeypatch):
     controls, asker = page._controls, Asker()
 
     def refuse(name, value):
@@ -84,15 +84,15 @@ def test_a_refusal_is_shown_in_the_page_in_its_own_words(page, monkeypatch):
     assert 'Refused' not in controls._status.content
 
 
-def test_a_slider_shows_what_became_of_a_refused_value(page):
+def test_a_slider_returns_to_the_valid_value_after_a_refusal(page):
     controls = page._controls
     slider = controls._widgets['set_point']
-    slider.value = 3.0  # as if drawn there by hand, and refused
+    slider.value = 3.0  # as if set by hand, and refused
     controls.refresh()
     assert slider.value == 7.0
 
 
-def test_widgets_follow_what_the_source_can_do(page):
+def test_widgets_follow_the_controls_of_the_source(page):
     controls, source = page._controls, page._source
     controls._use('law', 'free', Asker())
     assert controls._widgets['set_point'].disabled
@@ -109,7 +109,7 @@ def test_steps_are_shown_in_millimetres_and_set_in_metres(page):
     assert slider.value == pytest.approx(31.0) and '[mm]' in slider.label
 
 
-def test_the_stage_follows_the_ball_and_forgets_another_run(page):
+def test_the_stage_follows_the_ball_and_clears_its_path_at_a_reset(page):
     source, stage = page._source, page._stage
     source.apply('step', 2.0)
     page._draw(whole=True)

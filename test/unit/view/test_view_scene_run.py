@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene in the page is the scene that `ballbot simulate` runs, until the user changes it."""
+"""A scene in the page runs as in `ballbot simulate`, until the user changes it."""
 import math
 
 import pytest
@@ -20,8 +20,8 @@ def advanced(run, seconds):
 
 
 @pytest.mark.parametrize('name', ['fig7_top', 'fig7_middle', 'voltage_start'])
-def test_a_scene_left_alone_is_that_of_simulate(name):
-    scene = load_scene(name, solver=Solver('rk4'))  # as a control period takes it
+def test_an_unchanged_scene_runs_as_in_simulate(name):
+    scene = load_scene(name, solver=Solver('rk4'))  # the method of a control period
     run = advanced(SceneRun(scene), 0.5)
     rows = scene.simulate()
     at = int(round(0.5 / scene.run.output_step))
@@ -30,7 +30,7 @@ def test_a_scene_left_alone_is_that_of_simulate(name):
     assert run.frame().pendulum_torque == pytest.approx(rows['pendulum_torque'][at], abs=1e-6)
 
 
-def test_time_does_not_gather_rounding():
+def test_time_does_not_accumulate_rounding_errors():
     run = run_of('flat')
     for _ in range(1000):
         run.advance(1)
@@ -70,14 +70,14 @@ def test_the_speed_law_reaches_its_set_point():
     assert advanced(run, 6.0).state.velocity_x == pytest.approx(0.5, abs=0.03)
 
 
-def test_another_law_begins_with_nothing_asked_for():
+def test_another_law_starts_with_a_zero_set_point():
     run = run_of('voltage_start')
     assert run.law.set_point == 7.0
     run.set_law(law='torque')
     assert run.law.set_point == 0.0
 
 
-def test_a_chosen_law_asks_no_more_than_the_motor_has():
+def test_the_torque_of_a_law_is_limited_to_that_of_the_motor():
     run = run_of('flat')
     run.set_law(law='position')
     run.set_law(set_point=90.0)
@@ -94,21 +94,21 @@ def test_with_the_e_stop_there_is_no_torque():
     assert advanced(run, 0.2).state.motor_work == work
 
 
-def test_another_robot_begins_again_with_a_law_that_it_has():
+def test_another_robot_restarts_with_a_law_that_it_supports():
     run = advanced(run_of('voltage_start'), 0.3)
     run.set_robot('shellball')
     assert run.state.time == 0.0 and run.law.law == 'free'
     assert run.frame().pendulum_angle is None and run.frame().pendulum_torque is None
 
 
-def test_another_friction_changes_the_run_but_not_its_moment():
+def test_another_friction_does_not_change_the_present_state():
     run = advanced(run_of('voltage_start'), 0.3)
     state = run.state
     run.set_friction(0.9)
     assert run.state == state and run.robot.edge_friction == 0.9
 
 
-def test_an_accuracy_brings_an_estimate_of_the_error_and_zero_takes_it_away():
+def test_an_accuracy_enables_the_error_estimate_and_zero_disables_it():
     run = run_of('fig7_top')
     assert run.error_estimate is None
     run.set_accuracy(1e-4)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene runs by itself, is changed between two frames, and is looked back at."""
+"""A scene runs by itself, changes between two frames, and can be reviewed."""
 import time
 
 import pytest
@@ -17,12 +17,12 @@ def source():
     made.close()
 
 
-def test_before_it_starts_it_stands_at_the_start(source):
+def test_a_new_source_shows_the_start(source):
     assert source.shown.time == 0.0 and source.span == (0.0, 0.0)
     assert source.title == 'Scene voltage_start' and not source.health.running
 
 
-def test_it_runs_until_it_is_paused(source):
+def test_a_source_runs_until_it_is_paused(source):
     source.start()
     source.apply('pause', False)
     wait_until(lambda: source.shown.time > 0.2)
@@ -32,7 +32,7 @@ def test_it_runs_until_it_is_paused(source):
     assert source.shown.time == stopped and not source.health.running
 
 
-def test_a_step_goes_on_by_what_is_asked_for(source):
+def test_a_step_advances_by_the_requested_time(source):
     source.apply('step', 0.05)
     assert source.shown.time == pytest.approx(0.05)
     source.apply('pause', False)
@@ -40,7 +40,7 @@ def test_a_step_goes_on_by_what_is_asked_for(source):
         source.apply('step', 0.05)
 
 
-def test_reset_begins_a_new_epoch_on_the_same_ground(source):
+def test_reset_starts_a_new_epoch_on_the_same_ground(source):
     source.apply('step', 0.2)
     source.apply('step_height', 0.05)
     epoch = source.epoch
@@ -49,7 +49,7 @@ def test_reset_begins_a_new_epoch_on_the_same_ground(source):
     assert source.controls['step_height'].value == pytest.approx(0.05)
 
 
-def test_looking_back_pauses_and_running_shows_the_newest_again(source):
+def test_seeking_pauses_and_a_step_continues_from_the_newest_frame(source):
     source.apply('step', 0.2)
     source.apply('seek', 0.1)
     assert source.shown.time == pytest.approx(0.1) and not source.health.running
@@ -57,7 +57,7 @@ def test_looking_back_pauses_and_running_shows_the_newest_again(source):
     assert source.shown.time == pytest.approx(0.22)
 
 
-def test_the_step_ahead_is_reported_as_the_ball_goes_on(source):
+def test_the_reported_step_ahead_changes_as_the_ball_moves(source):
     assert source.controls['step_height'].value == pytest.approx(0.031)
     source.apply('step', 5.0)
     assert source.shown.x > 1.5 and source.controls['step_height'].value == 0.0
@@ -92,7 +92,7 @@ def test_a_refusal_during_a_run_reaches_the_caller(source):
     wait_until(lambda: source.shown.time > 0.05)
 
 
-def test_a_run_that_cannot_go_on_says_so_and_begins_again_after_a_reset(source, monkeypatch):
+def test_a_failed_run_is_reported_and_restarts_after_a_reset(source, monkeypatch):
     def fail(periods):
         raise SimulationError(0.1, 'x is not finite', 'take a smaller step', 'not_finite', 'x')
     with monkeypatch.context() as patched:
@@ -105,7 +105,7 @@ def test_a_run_that_cannot_go_on_says_so_and_begins_again_after_a_reset(source, 
     assert source.health.failure == ''
 
 
-def test_history_is_what_came_after(source):
+def test_history_contains_the_frames_after_a_time(source):
     source.apply('step', 0.1)
     assert [frame.time for frame in source.history(0.05)][0] == pytest.approx(0.052)
 
@@ -132,7 +132,7 @@ def test_a_scene_repeats_after_its_duration_until_a_control_changes_it(source):
 @pytest.mark.slow
 def test_a_robot_at_rest_offers_controls_that_move_it():
     source = SceneSource('doorstep', paused=True)
-    assert source.health.idle is None  # paused, which the state shows already
+    assert source.health.idle is None  # paused, as the state shows
     source.start()
     source.apply('pause', False)
     wait_until(lambda: source.health.idle is not None)

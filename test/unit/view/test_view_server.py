@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The server answers its own page and no other."""
+"""The server accepts requests from its own page only."""
 from contextlib import nullcontext
 import http.client
 import socket
@@ -25,7 +25,7 @@ def server():
 
 
 def get(server, host=None, **headers):
-    """Ask for the page, and return status, headers and text."""
+    """Request the page; return status, headers and text."""
     connection = http.client.HTTPConnection(LOOPBACK, server.get_port(), timeout=30)
     connection.putrequest('GET', '/', skip_host=True)
     for name, value in {'Host': host or f'{LOOPBACK}:{server.get_port()}', **headers}.items():
@@ -43,7 +43,7 @@ def handshake(server, origin):
                    subprotocols=[f'viser-v{viser.__version__}'])
 
 
-def test_the_page_is_served_and_may_ask_no_other_server(server):
+def test_the_page_is_served_and_may_contact_no_other_server(server):
     status, headers, text = get(server)
     assert status == 200 and '<html' in text
     policy = headers['Content-Security-Policy']
@@ -53,7 +53,7 @@ def test_the_page_is_served_and_may_ask_no_other_server(server):
 
 @pytest.mark.parametrize('host', ['evil.example', 'evil.example:8080', '127.0.0.1.evil.example',
                                   'localhost.evil.example', '[::1', ''])
-def test_a_name_that_was_made_to_point_here_is_refused(server, host):
+def test_another_host_name_that_resolves_to_this_machine_is_refused(server, host):
     status, _, text = get(server, host=host or ' ')
     assert status in (400, 403) and '<html' not in text
 
@@ -78,7 +78,7 @@ def test_its_own_page_gets_a_connection(server):
 
 
 def test_a_connection_that_ends_before_its_request_leaves_no_traceback():
-    # In a process of its own: the first request to viser adds a filter to the logger.
+    # In a separate process: the first request to viser adds a filter to the logger.
     ended = subprocess.run([sys.executable, '-c', """
 import socket, time
 from ballbot_ros.view.server import free_port, LOOPBACK, PageServer
@@ -100,7 +100,7 @@ def test_no_request_opens_a_tunnel(server):
     assert server.request_share_url() is None and server._share_tunnel is None
 
 
-def test_it_listens_on_loopback_only(server):
+def test_the_server_listens_on_loopback_only(server):
     sockets = server._websock_server
     assert sockets._host == LOOPBACK
     other = socket.gethostbyname(socket.gethostname())
@@ -110,7 +110,7 @@ def test_it_listens_on_loopback_only(server):
         socket.create_connection((other, server.get_port()), timeout=5).close()
 
 
-def test_a_port_that_is_taken_is_refused_if_asked_for_and_passed_over_if_not(monkeypatch):
+def test_a_port_in_use_is_refused_if_requested_and_otherwise_skipped(monkeypatch):
     with socket.socket() as taken:
         taken.bind((LOOPBACK, 0))
         taken.listen()
@@ -127,7 +127,7 @@ def test_an_address_of_another_machine_is_refused():
 
 
 def test_a_viser_that_cannot_be_guarded_is_refused(monkeypatch):
-    # As if it started its server in another way than the one that is watched.
+    # As if viser started its server in an unguarded way.
     monkeypatch.setattr('ballbot_ros.view.server._guarded', lambda bound, done: nullcontext())
     with refused('unavailable', 'viser'):
         PageServer(LOOPBACK, free_port(LOOPBACK, 0))

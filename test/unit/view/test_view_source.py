@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a control is given is checked before the source sees it."""
+"""Values of controls are checked before they reach the source."""
 import pytest
 from refusals import refused
 
@@ -26,7 +26,7 @@ def test_an_allowed_value_is_passed_on(name, value):
     ('pause', 1.0, 'wrong_type', 'true or false'), ('law', 'swim', 'not_a_choice', 'free, hold'),
     ('step_height', 0.5, 'out_of_range', 'at most 0.2 m'),
     ('reset', True, 'unavailable', 'cannot start again'), ('seek', 1.0, 'unknown_name', "'seek'")])
-def test_anything_else_is_refused_with_what_is_allowed(name, value, reason, words):
+def test_other_values_are_refused_with_the_allowed_ones(name, value, reason, words):
     with refused(reason, name) as caught:
         checked(CONTROLS, name, value)
     assert words in str(caught.value)

@@ -13,7 +13,7 @@ RADIUS = 0.226
 
 
 def seen(name, aspect, point):
-    """Return where a point appears: right and up, as parts of half of width and height."""
+    """Return the position of a point: right and up, relative to half of width and height."""
     position, target = (np.array(item) for item in camera_of(name, aspect))
     forward = (target - position) / np.linalg.norm(target - position)
     right = np.cross(forward, (0.0, 0.0, 1.0))
@@ -27,7 +27,7 @@ def seen(name, aspect, point):
 @pytest.mark.parametrize('aspect, width, bottom', [
     (390 / 844, 1.0, -0.2), (360 / 640, 1.0, -0.2), (820 / 1180, 1 / 3, -1.0),
     (262 / 1180, 1.0, -1.0), (16 / 9, 0.57, -1.0)])
-def test_the_whole_ball_is_in_sight_between_or_above_the_panels(name, aspect, width, bottom):
+def test_the_ball_is_completely_visible_between_or_above_the_panels(name, aspect, width, bottom):
     for angle in np.linspace(0.0, 2.0 * math.pi, 24):
         right, up = seen(name, aspect, (
             RADIUS * math.cos(angle), 0.0, RADIUS * (1.0 + math.sin(angle))))

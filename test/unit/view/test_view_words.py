@@ -33,7 +33,7 @@ def test_the_step_ahead_in_a_sentence(prospect, words):
     assert words in verdict(CURVE, prospect)
 
 
-def test_without_a_curve_the_sentence_says_so():
+def test_the_sentence_reports_a_missing_curve():
     assert 'no height curve' in verdict(None, Prospect(0.9, 0.031, 0.5))
 
 
@@ -52,7 +52,7 @@ def test_the_plot_of_the_curve_has_rising_speeds_and_the_step_at_the_present_spe
     assert (step == step[0]).all() or np.isnan(step).all()
 
 
-def test_a_decision_is_asked_before_the_ground():
+def test_a_decision_takes_precedence_over_the_ground():
     source = SceneSource('doorstep', paused=True)
     frame = source.shown
     assert prospect_of(source, frame).height == pytest.approx(0.031)
@@ -61,7 +61,7 @@ def test_a_decision_is_asked_before_the_ground():
         pytest.approx(0.0), 0.028, 0.7, 0.8)
 
 
-def test_a_decision_is_written_with_what_it_says_and_no_more():
+def test_a_decision_is_written_with_its_known_values_only():
     words = decision_words(DecisionSign('go_round', 'not_likely', 'find <b>another</b> way',
                                         margin=-0.012))
     assert 'GO ROUND' in words and 'margin -12 mm' in words and 'not likely' in words
@@ -97,7 +97,7 @@ def test_the_state_of_a_source_is_shown_with_the_error_in_a_readable_unit():
     assert 'paused' in status_lines(Health(False), None)[0]
 
 
-def test_a_robot_at_rest_shows_why_and_not_a_stale_reason():
+def test_a_robot_at_rest_shows_its_present_reason():
     idle = Idle('The set-point is 0.', 'Drive', (('set_point', 0.5),))
     assert 'The set-point is 0.' in ' '.join(status_lines(Health(True, idle=idle), None))
     assert 'ballbot-idle' not in ' '.join(status_lines(Health(True), None))
