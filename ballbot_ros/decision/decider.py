@@ -57,6 +57,8 @@ class Decider:
 
     Attributes
     ----------
+    knowledge : Knowledge
+        The present one, see `prepare`.
     goals : Goals
         Limits how far decisions are executed; no limit without a goal.
     motion : Motion or None
@@ -75,7 +77,7 @@ class Decider:
                  frame: str = 'base_link'):
         """Start without observations."""
         self._particles = knowledge.initial_particles
-        knowledge = replace(knowledge, particles=self._particles)
+        self.knowledge = knowledge = replace(knowledge, particles=self._particles)
         self._learner = Learner(self._particles)
         self._maker = PLANNERS[planner] if isinstance(planner, str) else planner
         self._plan = with_safety_filter(self._maker(knowledge), knowledge)
@@ -110,7 +112,7 @@ class Decider:
         plan = with_safety_filter(self._maker(knowledge), knowledge)
 
         def activate() -> None:
-            self._plan = plan
+            self.knowledge, self._plan = knowledge, plan
             self._pilot.follow(knowledge)
             self._fusion.set_steepest(_steepest(knowledge))
         return activate

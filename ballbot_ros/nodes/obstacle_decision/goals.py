@@ -10,7 +10,7 @@ from rclpy.node import Node
 
 from ballbot_ros.action import CrossStep, DriveTo
 from ballbot_ros.decision import (
-    CrossGoal, Decider, Decision, DriveGoal, Ending, GoalEnd, Knowledge, Motion)
+    CrossGoal, Decider, Decision, DriveGoal, Ending, GoalEnd, Motion)
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.nodes.obstacle_decision.standstill import Standstill
 from ballbot_ros.ros.action_server import DeferredActionServer
@@ -28,11 +28,10 @@ class GoalServers:
     With `waiting`, the ball rests until a goal arrives.
     """
 
-    def __init__(self, node: Node, decider: Callable[[], Decider], knowledge: Knowledge,
-                 standstill: Standstill, waiting: bool):
+    def __init__(self, node: Node, decider: Callable[[], Decider], standstill: Standstill,
+                 waiting: bool):
         self._node, self._decider, self._standstill = node, decider, standstill
         decider().goals.waiting, standstill.go_on = waiting, self.go_on
-        self._knowledge = knowledge
         self._running: Optional[Tuple[DeferredActionServer, ServerGoalHandle]] = None
         self._goal: Any = None
         self._last_feedback = self._last_decision = -math.inf
@@ -57,12 +56,11 @@ class GoalServers:
         return decider.motion
 
     def _check_drive(self, request: DriveTo.Goal) -> None:
-        start = self._check()
+        start, decider = self._check(), self._decider()
         target = request.target + (start.position if request.relative else 0.0)
         self._goal = DriveGoal(
             start, target, request.speed_limit, request.tolerance, request.timeout,
-            self._knowledge.tuning, self._knowledge.robot.ball_radius,
-            self._decider().free_from)
+            decider.knowledge.tuning, decider.knowledge.robot.ball_radius, decider.free_from)
 
     def _check_cross(self, request: CrossStep.Goal) -> None:
         self._goal = CrossGoal(self._check(), request.timeout)

@@ -74,8 +74,8 @@ class ObstacleDecision(Node):
             create_subscription(self, topic, partial(self._on_observation, topic))
         create_subscription(self, 'odom', self._on_odometry)
         self._standstill = Standstill(self, self._stand)
-        self._goals = GoalServers(self, lambda: self._decider, knowledge, self._standstill,
-                                  settings.wait_for_goal)
+        self._goals = GoalServers(
+            self, lambda: self._decider, self._standstill, settings.wait_for_goal)
         self._diagnostics = diagnostics.Diagnostics(
             self, 'decision', self._health, knowledge.robot.name)
 

@@ -5,6 +5,7 @@ from nav_msgs.msg import Odometry
 import pytest
 from rclpy.action import ActionClient
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
@@ -101,6 +102,15 @@ def test_a_step_is_crossed_and_the_next_one_of_80_mm_refused(start, two_steps):
     assert (status, result.outcome) == (GoalStatus.STATUS_ABORTED, result.OUTCOME_REFUSED)
     assert '80 mm' in result.message and result.position < 2.5
     assert result.decision in (StepDecision.DECISION_STOP, StepDecision.DECISION_GO_ROUND)
+
+
+def test_a_goal_is_checked_against_the_present_highest_speed(start):
+    graph = start('flat')
+    for highest, accepted in ((0.8, False), (1.5, True)):
+        assert graph.decision.set_parameters_atomically(
+            [Parameter('highest_speed', value=highest)]).successful
+        assert graph.send(DriveTo, target=1.0, relative=True,
+                          speed_limit=1.0 if highest < 1.0 else 1.4).accepted == accepted
 
 
 def test_a_canceled_goal_ends_at_rest(start):
