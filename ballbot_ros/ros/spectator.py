@@ -111,11 +111,11 @@ class Spectator:
         self._held = JointState(name=[PENDULUM], position=[angle])
 
     def go_to(self, x: float, y: float, frame: str) -> None:
-        """Publish a position in a frame as the goal [m], with heading 0."""
+        """Publish a position in a frame as the goal [m], with any heading."""
         goal = PoseStamped()
         goal.header.frame_id = frame
         goal.pose.position.x, goal.pose.position.y = x, y
-        goal.pose.orientation.w = 1.0
+        goal.pose.orientation.w = 0.0  # all zeros: any heading
         self._goal = goal
 
     def release_set_point(self) -> None:

@@ -40,8 +40,12 @@ class NavigationServers:
         self._compute = DeferredActionServer(
             node, ComputePathToPose, 'compute_path_to_pose', self._check_plan, self._plan)
 
-    def _goal(self, message: PoseStamped) -> Tuple[float, float, float]:
-        """Return x, y and heading; raise `RefusedError` for another frame or a pose not finite."""
+    def _goal(self, message: PoseStamped) -> Tuple[float, ...]:
+        """
+        Return x, y and heading, without a heading if all components of the quaternion are 0.
+
+        Raises `RefusedError` for another frame or a pose that is not finite.
+        """
         frame = self._node._settings.map_frame
         if message.header.frame_id not in ('', frame):
             raise RefusedError(
@@ -51,6 +55,8 @@ class NavigationServers:
         if not all(math.isfinite(item) for item in (
                 at.x, at.y, turn.x, turn.y, turn.z, turn.w)):
             raise RefusedError('the pose must be finite', 'not_finite', 'pose')
+        if not any((turn.x, turn.y, turn.z, turn.w)):
+            return at.x, at.y
         return at.x, at.y, heading_of(turn)
 
     def _ready(self) -> None:

@@ -4,7 +4,7 @@ from threading import Event, Thread
 from types import SimpleNamespace
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped, Twist, TwistStamped, Vector3
+from geometry_msgs.msg import PoseStamped, Quaternion, Twist, TwistStamped, Vector3
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -259,6 +259,7 @@ def test_a_spectator_receives_and_calls_and_drives_while_a_client_attends(
         viewer.go_to(2.0, 3.0, 'map')
         wait_until(lambda: robot.goals)
         assert robot.goals[0].header.frame_id == 'map' and robot.goals[0].pose.position.y == 3.0
+        assert robot.goals[0].pose.orientation == Quaternion(w=0.0)  # any heading
 
         def driven():
             viewer.attend()

@@ -2,6 +2,7 @@
 """The node ``navigator`` on real topics: actions, goal_pose, cancellation, preemption, e-stop."""
 import math
 
+from geometry_msgs.msg import Quaternion
 from navigator_graph import Graph, START
 import pytest
 from std_msgs.msg import Bool
@@ -52,6 +53,23 @@ def test_a_path_is_computed_without_driving(graph):
     end = path.poses[-1].pose.position
     assert math.dist((end.x, end.y), (8.1, 5.5)) < 0.15
     assert graph.node.state.status is NavStatus.IDLE and graph.speed == 0.0
+
+
+def test_a_quaternion_of_zeros_means_any_heading(graph):
+    def length(orientation):
+        goal = stamped_pose('map', to_time(0.0), 2.6, 0.8, 0.0)
+        goal.pose.orientation = orientation
+        handle = graph.wait(graph.compute.send_goal_async(ComputePathToPose.Goal(goal=goal)))
+        points = [(pose.pose.position.x, pose.pose.position.y) for pose in
+                  graph.wait(handle.get_result_async()).result.path.poses]
+        return sum(map(math.dist, points, points[1:]))
+    shortest = length(Quaternion(w=0.0))
+    assert 0.9 < shortest < 1.5
+    assert length(Quaternion(z=1.0, w=0.0)) > shortest + 0.3
+    goal = stamped_pose('map', to_time(0.0), 2.6, 1.4, 0.0)
+    goal.pose.orientation = Quaternion(w=0.0)
+    graph.goals.publish(goal)
+    assert graph.spin(20.0, lambda: graph.node.state.goal == (2.6, 1.4))
 
 
 def test_cancellation_and_preemption_end_at_rest(graph):
