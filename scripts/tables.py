@@ -141,8 +141,7 @@ def keys(values):
 def topics():
     """Return the Markdown table of the topics."""
     def names(nodes):
-        return ', '.join(f'`{name}`' if name != 'all' else name for name in nodes.split(', ')
-                         if name)
+        return ', '.join(f'`{name}`' for name in nodes.split(', ') if name)
     titles = 'topic', 'type', 'published by', 'QoS', 'subscribed to by', 'QoS', 'content'
     return '\n'.join(markdown(titles, (
         (f'`{name}`', topic.type.replace('/msg/', '/'),

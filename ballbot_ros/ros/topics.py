@@ -47,11 +47,12 @@ class Topic(NamedTuple):
 TOPICS: Mapping[str, Topic] = MappingProxyType({
     '/clock': Topic('rosgraph_msgs/msg/Clock', STATE, SENSOR, 'simulator', 'simulator',
                     'simulated time'),
-    '/tf': Topic('tf2_msgs/msg/TFMessage', STATE, STATE, 'simulator, bridge', '',
+    '/tf': Topic('tf2_msgs/msg/TFMessage', STATE, STATE, 'simulator, bridge', 'navigator',
                  'transforms between the [frames](#frames), where tf2_msgs is installed'),
-    '/tf_static': Topic('tf2_msgs/msg/TFMessage', LATCHED, LATCHED, 'simulator, bridge', '',
-                        'transforms that do not change'),
-    '/diagnostics': Topic('diagnostic_msgs/msg/DiagnosticArray', SHORT, SHORT, 'all', '',
+    '/tf_static': Topic('tf2_msgs/msg/TFMessage', LATCHED, LATCHED, 'simulator, bridge',
+                        'navigator', 'transforms that do not change'),
+    '/diagnostics': Topic('diagnostic_msgs/msg/DiagnosticArray', SHORT, SHORT,
+                          'simulator, controller, obstacle_decision, navigator, bridge, imu', '',
                           'health of each node, once a second and when it changes'),
     'robot_description': Topic('std_msgs/msg/String', LATCHED, LATCHED, 'simulator, bridge', '',
                                'URDF of the robot'),
@@ -69,10 +70,10 @@ TOPICS: Mapping[str, Topic] = MappingProxyType({
                      'controller, simulator, bridge', 'speed and, on a floor, yaw rate of the '
                      'ball; geometry_msgs/msg/Twist is accepted, too'),
     'e_stop': Topic('std_msgs/msg/Bool', LATCHED, LATCHED, 'bridge',
-                    'controller, simulator, obstacle_decision, bridge', 'true while the e-stop is '
-                    'engaged; volatile publishers are received, too'),
+                    'controller, simulator, obstacle_decision, navigator, bridge', 'true while '
+                    'the e-stop is engaged; volatile publishers are received, too'),
     'odom': Topic('nav_msgs/msg/Odometry', STATE, SHORT, 'simulator, bridge, emulated_robot',
-                  'obstacle_decision', 'pose and velocity of `base_link`'),
+                  'obstacle_decision, navigator', 'pose and velocity of `base_link`'),
     'imu': Topic('sensor_msgs/msg/Imu', STATE, SENSOR, 'imu, bridge, emulated_robot', 'bridge',
                  'turn rate and specific force of the shell'),
     'ball_state': Topic('ballbot_ros/msg/BallState', STATE, STATE, 'simulator, emulated_robot', '',
@@ -81,8 +82,9 @@ TOPICS: Mapping[str, Topic] = MappingProxyType({
                               'simulator, emulated_robot', 'obstacle_decision',
                               'distance and height of the next step'),
     'terrain_observation': Topic('ballbot_ros/msg/TerrainObservation', STATE, SHORT,
-                                 'simulator, emulated_robot', 'obstacle_decision',
-                                 'observed terrain ahead as a polyline'),
+                                 'simulator, emulated_robot',
+                                 'obstacle_decision, navigator', 'observed terrain ahead '
+                                 'as a polyline'),
     'step_decision': Topic('ballbot_ros/msg/StepDecision', DECISION, LATCHED,
                            'obstacle_decision', '', 'decision, reason and predicted success'),
     'goal_pose': Topic('geometry_msgs/msg/PoseStamped', LATEST, LATEST, '', 'navigator',
@@ -97,7 +99,7 @@ TOPICS: Mapping[str, Topic] = MappingProxyType({
     'battery_state': Topic('sensor_msgs/msg/BatteryState', STATE, LATEST, 'bridge', '',
                            'battery of the robot'),
     'markers': Topic('visualization_msgs/msg/MarkerArray', SHORT, SHORT,
-                     'simulator, obstacle_decision', '', 'see [markers]'
+                     'simulator, obstacle_decision, navigator', '', 'see [markers]'
                      '(#pictures-in-other-programs)')})
 
 

@@ -12,9 +12,11 @@ from ballbot_ros.nodes.bridge.node import Bridge
 from ballbot_ros.nodes.controller.node import Controller
 from ballbot_ros.nodes.emulated_robot.node import EmulatedRobot
 from ballbot_ros.nodes.imu.node import ImuNode
+from ballbot_ros.nodes.navigator.node import NavigatorNode
 from ballbot_ros.nodes.obstacle_decision.node import ObstacleDecision
 from ballbot_ros.nodes.simulator.node import Simulator
 from ballbot_ros.ros.parameters import BUILT_IN
+from ballbot_ros.ros.topics import TOPICS
 
 NODES = {
     Simulator: {'start_paused': True}, Controller: {}, ObstacleDecision: {'planner': 'cubic'},
@@ -29,7 +31,7 @@ def start(make_node, tmp_path):
 
     def start(cls, **given):
         own = {'link': str(tmp_path / 'motor')} if cls is EmulatedRobot else {}
-        started.append(make_node(cls, **{**NODES[cls], **own, **given}))
+        started.append(make_node(cls, **{**NODES.get(cls, {}), **own, **given}))
         return started[-1]
     yield start
     for node in started:
@@ -83,6 +85,21 @@ def test_each_parameter_has_a_description_and_a_range_and_the_own_dump_loads(sta
         elif isinstance(value, int) and not isinstance(value, bool):
             assert described.integer_range, described.name
     assert loaded(node) == []
+
+
+@pytest.mark.parametrize('cls, given', [
+    *((cls, {}) for cls in NODES), (NavigatorNode, {'autostart': False}),
+    (Simulator, {'floor': 'apartment'}),
+    (Simulator, {'publish_clock': False, 'control': 'onboard'})])
+def test_the_table_of_topics_names_each_node_at_its_topics(start, cls, given):
+    node = start(cls, **given)
+    missing = [
+        (side, topic) for side in ('publishers', 'subscribers')
+        for topic in {one.topic_name for one in getattr(
+            node, side.replace('subscribers', 'subscriptions'))} - {'/parameter_events'}
+        if node.get_name() not in getattr(
+            TOPICS.get(topic) or TOPICS[topic[1:]], side).split(', ')]
+    assert missing == []
 
 
 def test_a_simulator_changes_rates_noise_and_timeouts_all_or_none(start):
