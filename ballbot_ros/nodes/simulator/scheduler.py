@@ -234,7 +234,8 @@ class Scheduler:
         for _ in range(pace.due(now)):
             if not self.paused:  # a failure or the last step may have paused it
                 self._run_period()
-        if pace.dropped > dropped and self._speed.factor < 0.98 * wanted:
+        # A followed clock sets the pace, and `FollowedClock` logs its jumps.
+        if self.makes_time and pace.dropped > dropped and self._speed.factor < 0.98 * wanted:
             self._logger.warning(
                 f'falling behind: real-time factor {self._speed.factor:.2f} instead of '
                 f'{wanted:g}', throttle_duration_sec=2.0)

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
+from rosgraph_msgs.msg import Clock
 
 from ballbot_ros.control import CommandGate
 from ballbot_ros.nodes.simulator import scheduler
@@ -10,6 +11,7 @@ from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics import load_scene
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Plant
+from ballbot_ros.ros.conversions import to_time
 
 
 class Outputs:
@@ -72,6 +74,21 @@ def test_simulated_time_follows_the_clock_and_catches_up_to_a_limit(clock):
     assert setup.plant.periods == 16 and setup.scheduler.dropped == 2490
     tick(setup, clock, 1.0)
     assert setup.log[-1].startswith('falling behind: real-time factor 0.0')
+
+
+def test_a_follower_of_a_slow_clock_does_not_fall_behind_its_own_real_time_factor(
+        clock, monkeypatch):
+    monkeypatch.setattr(scheduler, 'create_subscription', lambda *_: None)
+    around = scheduled()
+    followed = scheduler.FollowedClock(
+        SimpleNamespace(get_logger=lambda: around.log), around.plant)
+    follower = scheduler.Scheduler(around.plant, around.gate, around.outputs, SimulatorSettings(),
+                                   around.log, around.failures.append, followed)
+    for there, passed in ((0.0, 0.0), (0.05, 0.1), (0.1, 0.1), (2.0, 3.8)):
+        followed._on_clock(Clock(clock=to_time(there)))
+        tick(SimpleNamespace(scheduler=follower), clock, passed)
+    assert follower.dropped and len(around.log) == 1
+    assert around.log[0].startswith('/clock is at 2.000 s')
 
 
 @pytest.mark.parametrize('parameters', [
