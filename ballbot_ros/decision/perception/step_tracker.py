@@ -81,6 +81,7 @@ class StepTracker:
 
     def __init__(self, radius: float, tuning: DecisionTuning, edges: EdgeMap):
         self._radius, self._tuning, self._edges = radius, tuning, edges
+        self.unseen_room = tuning.unseen_room  # can change, unlike the rest of the tuning
         self.reset()
 
     def reset(self) -> None:
@@ -184,7 +185,7 @@ class StepTracker:
         # The sensor does not observe the ground behind the next edge, which the ball may pass
         # before the next observation.
         self.seen_to = min([seen_to] + [
-            self._edges.face(edge).position + self._tuning.unseen_room
+            self._edges.face(edge).position + self.unseen_room
             for edge in self._edges.edges if edge.step is not None and edge.exists.confirmed])
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from ballbot_ros.decision import (
-    DecisionTuning, Motion, ProfileTracker, Reason, StepObservation)
+    Decider, DecisionTuning, Knowledge, load_curve, Motion, ProfileTracker, Reason,
+    StepObservation)
 from ballbot_ros.decision.perception import GroundFusion
 from ballbot_ros.decision.planning.ahead import faces_ahead
 from ballbot_ros.physics.model.robot import load_robot
@@ -232,6 +233,16 @@ def test_behind_a_detected_edge_only_the_granted_room_counts_as_observed():
         assert granted.update(seen(0.0, 1.0), 0.2).seen_to == pytest.approx(1.2 + room)
         assert granted.update(nothing(0.1), 1.3).seen_to == math.inf
         assert granted.update(seen(0.2, 0.4), 1.3).seen_to == math.inf  # one outlier
+
+
+def test_the_granted_room_is_that_of_the_present_tuning():
+    knowledge = Knowledge(GIMBALL, load_curve('gimball_down'), DecisionTuning(unseen_room=1.5))
+    decider = Decider(knowledge)
+    decider.prepare(replace(knowledge, tuning=DecisionTuning()))()
+    decider.observe(seen(0.0, 1.0))
+    decider.move(Motion(0.0, 0.2, 0.0))
+    decider.decide()
+    assert decider.profile.seen_to == pytest.approx(1.2)
 
 
 @pytest.mark.parametrize('name, deviation', [
