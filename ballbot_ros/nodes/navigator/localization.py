@@ -18,9 +18,10 @@ Pose = Tuple[float, float, float]
 
 
 def heading_of(orientation: Any) -> float:
-    """Return the yaw of a quaternion [rad]."""
+    """Return the yaw of a quaternion of any length [rad]."""
     return math.atan2(2.0 * (orientation.w * orientation.z + orientation.x * orientation.y),
-                      1.0 - 2.0 * (orientation.y**2 + orientation.z**2))
+                      orientation.w**2 + orientation.x**2
+                      - orientation.y**2 - orientation.z**2)
 
 
 class Localization:

@@ -2,6 +2,7 @@
 """Invalid positions, localisation and maps end the goal of the node ``navigator`` at rest."""
 import math
 
+from geometry_msgs.msg import Quaternion
 from navigator_graph import Graph, START
 import numpy as np
 from PIL import Image
@@ -9,6 +10,7 @@ import pytest
 from std_srvs.srv import Trigger
 
 from ballbot_ros.navigation.execution import NavStatus
+from ballbot_ros.nodes.navigator.localization import heading_of
 from ballbot_ros.nodes.navigator.outputs import stamped_pose
 from ballbot_ros.ros.conversions import to_time
 
@@ -39,6 +41,14 @@ def at_start(room):
     room.pose, room.offset, room.speed, room.yaw_rate = list(START), [0.0, 0.0], 0.0, 0.0
     room.spin(0.5)
     return room
+
+
+@pytest.mark.parametrize('length', [0.5, 1.0, 2.0])
+@pytest.mark.parametrize('heading', [-3.0, 0.0, math.pi / 2, 3.0])
+def test_the_heading_of_a_quaternion_does_not_depend_on_its_length(heading, length):
+    half = 0.5 * heading
+    turn = Quaternion(z=length * math.sin(half), w=length * math.cos(half))
+    assert heading_of(turn) == pytest.approx(heading)
 
 
 @pytest.mark.parametrize('place, reason', [
