@@ -144,8 +144,8 @@ def test_the_reason_for_a_missing_drive_is_logged_once_and_again_when_it_changes
     assert [text for text in caplog.messages if 'no such port' in text] == [
         text for text in caplog.messages if 'looking' in text][::2]
     assert sum('looking' in text for text in caplog.messages) == 3
-    assert not any('back' in text for text in caplog.messages)
-    assert bench.look() and 'back' in caplog.messages[-1]
+    assert not any('reconnected' in text for text in caplog.messages)
+    assert bench.look() and 'reconnected' in caplog.messages[-1]
     assert any('lost' in text and 'no answer comes' in text for text in caplog.messages)
 
 

@@ -319,14 +319,14 @@ def test_the_uncertainty_of_a_step_that_grows_on_approach_covers_its_further_gro
     ({'x': (0.0, 1.0), 'z': (0.0, math.inf)}, 'not finite'),
     ({'x': (0.0, 1.0), 'z': (0.0, -2e6)}, 'out of range'),
     ({'x': (0.0, 1.0), 'z': (-0.226, -0.226), 'z_sd': (-0.1, 0.0)}, 'negative'),
-    ({'x': (0.0, 1.0, 0.5), 'z': (-0.226,) * 3}, 'x falls from 1 to 0.5 m at point 2'),
+    ({'x': (0.0, 1.0, 0.5), 'z': (-0.226,) * 3}, 'x decreases from 1 to 0.5 m at point 2'),
     ({'x_min': math.nan}, 'not finite'),
     ({'x_max': -1.0}, 'x_max -1'),
     ({'x': (-3.0, 0.3), 'z': (-0.226,) * 2, 'x_min': -3.0}, 'backwards'),
     ({'x': (-0.3, 3.0), 'z': (0.226,) * 2}, 'upside down'),
     ({'x': (-0.3, 3.0), 'z': (-0.26,) * 2}, '34 mm from the ball'),
     ({'x': (-0.3, 3.0), 'z': (-0.19,) * 2}, '-36 mm from the ball'),
-    ({'x': (8.0, 9.0), 'z': (-0.226,) * 2, 'x_max': 9.0}, 'nothing of the ground'),
+    ({'x': (8.0, 9.0), 'z': (-0.226,) * 2, 'x_max': 9.0}, 'not show the ground'),
     ({'stamp': math.nan}, 'not finite')])
 def test_impossible_observations_are_refused_with_an_explanation(change, words):
     for tracking in (tracker(), tracker()):

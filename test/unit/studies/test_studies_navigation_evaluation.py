@@ -66,7 +66,7 @@ def test_an_interrupted_evaluation_resumes(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_a_drive_returns_a_row_of_results():
-    found = drive(draw_house(knowledge().robot, 5, 0), 'run_up')
+    found = drive(draw_house(knowledge().robot, 5, 3), 'run_up')
     assert found['outcome'] == 'succeeded' and found['hit'] < 0.1 and not found['fell']
     assert math.isfinite(found['time']) and found['away'] < 0.3
 
