@@ -17,13 +17,13 @@ CELL = 0.01          # [m] between the nodes of the map
 MAP_BEHIND, MAP_AHEAD = 1.0, 5.0  # extent of the map and of scans [m]
 # Position uncertainty of a point on the axis [m]: stamps of odometry and scan differ.
 POSITION_SD = 0.01
-# The ground between points farther apart than this [m] is not observed: where they fall along a
-# line of sight, or where a polyline has more points than this, which are samples, not corners.
+# The ground between points farther apart than the first value [m] is not observed if it is
+# occluded, or if the polyline has more points than the second value: samples, not corners.
 GAP_MIN, SAMPLES_MIN = 0.03, 50
-# Least slope of a line over an edge, from one point to the next, relative to the line of
-# sight: points are neither at the edge, nor at the intersection of line of sight and ground.
+# Minimum slope between the points before and behind an occluded interval, relative to the line of
+# sight: the points lie neither at the edge nor where the line of sight meets the ground.
 OCCLUSION_SLOPE_MIN = 0.35
-# Largest slope of a floor [1].
+# Maximum slope of a floor [1].
 SLOPE_MAX = 0.3
 # Minimum height of a face at the end of the observed terrain [m].
 WALL_HEIGHT_MIN = 0.02
@@ -35,7 +35,7 @@ class Scan(NamedTuple):
     first: int  # node of the first element; node k is at k * CELL on the odometry axis
     z: Array  # height relative to the centre of the ball [m], NaN where not observed
     steep: Array  # change of height within `POSITION_SD` [m]
-    share: Array  # variance of a node over that of the points beside it
+    share: Array  # variance of a node over that of its adjacent points
     reported_sd: Array  # standard deviation of the points, 0 if unknown [m]
     bend: Array  # deviation of the points from the line between their neighbours [m]
     spacing: float  # median spacing of the observed points [m]
@@ -51,9 +51,9 @@ def neighbourhoods(values: Array) -> Array:
     """
     Return each value with its neighbours, three on each side, (n, 7).
 
-    An end value has its neighbours twice: a last point beyond a gap is not a neighbourhood.
+    At the ends the neighbours count twice: a last point beyond a gap is not its own median.
     """
-    # Reflected at both ends, as by `np.pad`, which takes longer than the median.
+    # Reflected at both ends; `np.pad` takes longer than the median.
     last, places = len(values) - 1, np.arange(-3, len(values) + 3)
     padded = values[last - np.abs(last - np.abs(places)) if last > 2 else
                     np.clip(places, 0, last)]
@@ -73,7 +73,7 @@ def deviation(bends: Array) -> float:
 
 
 def means_around(counted: Flags, *items: Array) -> List[Array]:
-    """Return means over `NOISE_NODES` nodes, nearer to that of all where few are counted."""
+    """Return means over `NOISE_NODES` nodes, shrunk towards the total mean where few count."""
     places, half = np.arange(len(counted)), NOISE_NODES // 2
     begin, end = np.maximum(places - half, 0), np.minimum(places + half + 1, len(counted))
 
@@ -87,16 +87,16 @@ def means_around(counted: Flags, *items: Array) -> List[Array]:
 
 def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float) -> Optional[Scan]:
     """
-    Return a scan on the nodes, None if it covers none.
+    Return the polyline resampled to the nodes, None if it covers fewer than three.
 
     Parameters
     ----------
     x, z, z_sd : (n,) arrays
-        Relative to the centre of the ball; x never falls [m].
+        Relative to the centre of the ball; x does not decrease [m].
     kept : (n,) array of bool
-        Points that are not outliers: the ground at the others is not observed.
+        False for outliers; the ground at an outlier is not observed.
     position : float
-        Of the centre [m].
+        Position of the centre [m].
 
     """
     lost = np.diff(np.flatnonzero(kept)) > 1
@@ -106,22 +106,22 @@ def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float) -> O
     first = math.ceil(max(x[0], -MAP_BEHIND) / CELL + position / CELL - 1e-9)
     last = math.floor(min(x[-1], MAP_AHEAD) / CELL + position / CELL + 1e-9)
     if np.ptp(z[x > x[-1] - CELL]) > WALL_HEIGHT_MIN:
-        last += 1  # the scan ends at a wall, beyond the last node
+        last += 1  # the scan ends at a wall beyond the last node
     if last - first < 2:
         return None
     places = np.arange(first, last + 1) * CELL - position
     heights = np.interp(places, x, z)
     run, rise = np.diff(x), np.diff(z)
-    # As seen from the centre, ground behind an edge is occluded up to a line through the edge.
-    # The ground may slope down: rises and the height of the centre count relative to the slope
-    # around them, so that the criterion is that of a level floor.
+    # As seen from the centre, the ground behind an edge is occluded up to a line through the edge.
+    # On sloping ground, rises and the height of the centre are taken relative to the local slope,
+    # which reduces the criterion to that of a level floor.
     grade = np.clip(
         medians(neighbourhoods(rise / np.maximum(run, 1e-9))), -SLOPE_MAX, SLOPE_MAX)
     excess, below = rise - run * grade, np.minimum(z[:-1] - grade * x[:-1], 0.0)
     far = run > GAP_MIN
     hidden = lost | far & (x[:-1] > 0.0) & (
         excess * np.maximum(x[:-1], CELL) < OCCLUSION_SLOPE_MIN * below * run)
-    # Between two distant points a face may be anywhere.
+    # A face may lie anywhere between two distant points.
     wide = far & (len(x) > SAMPLES_MIN)
     for index in np.flatnonzero(hidden | wide):
         beside = 1e-9 if hidden[index] else CELL
@@ -143,17 +143,17 @@ def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float) -> O
 
 
 NODES = 640  # of the map
-# Default noise where the sensor reports none [m], and number of scans for estimating it.
+# Default noise of a sensor that reports none [m], and number of scans for estimating it.
 DEFAULT_NOISE_SD, SCANS_MIN = 0.005, 5
 NOISE_SD_MIN = 1e-4      # [m]
-# Scans of the running means of heights, noise and tilt; nodes of the mean of the noise.
+# Number of scans in the running means of heights, noise and tilt; of nodes in that of the noise.
 AVERAGED_SCANS, NOISE_NODES = 20, 41
-# Factor on variances per scan with which a Kalman filter averages this number of scans.
+# Factor on the variance per scan with which a Kalman filter averages `AVERAGED_SCANS` scans.
 FADING = AVERAGED_SCANS / (AVERAGED_SCANS - 1)
-# Minimum overlap in nodes for aligning a scan, and for finding a slip; minimum length for
+# Minimum overlap for aligning a scan and for detecting a slip, in nodes; minimum length for
 # estimating the tilt of a scan [m].
 OVERLAP_MIN, SLIP_OVERLAP_MIN, TILT_LENGTH_MIN = 5, 20, 0.5
-# Maximum fraction of contradicting nodes; one camera point in a hundred is an outlier.
+# Maximum fraction of contradicting nodes; some one percent of camera points are outliers.
 OUTLIER_FRACTION_MAX = 0.15
 # Maximum odometry slip between scans, in nodes.
 SLIP_NODES_MAX = 25
@@ -163,10 +163,10 @@ class ElevationMap:
     """
     Heights of the ground at nodes `CELL` apart, each with its variance.
 
-    A Kalman filter for each node: scans are averaged with weights 1 / variance.  As z is
-    relative to a centre that moves up and down, a scan is first shifted, and tilted, to fit
-    its overlap with the map.  Behind the first scan, a node is known once two scans agree: an
-    outlier in ground that is occluded from then on would not be corrected.
+    Each node has a Kalman filter, which averages scans with weights 1 / variance.  As z is
+    relative to the centre of a ball that moves up and down, a scan is first shifted and tilted to
+    fit its overlap with the map.  After the first scan, a node becomes known when two scans agree:
+    no later scan could correct an outlier in ground that is occluded from then on.
     """
 
     def __init__(self, tuning: DecisionTuning):
@@ -178,11 +178,11 @@ class ElevationMap:
         """Clear the map."""
         self.first, self.scans = 0, 0  # node of the first element, number of scans in the map
         self.height = np.zeros(NODES)  # [m]
-        # Of the average of the scans, without the texture; infinite where not observed [m2].
+        # Variance of the average of the scans, without the texture; infinite if unobserved [m2].
         self.variance = np.full(NODES, np.inf)
         self.known = np.zeros(NODES, bool)
         self._strikes = np.zeros(NODES)
-        # Estimated variance of a point, by its distance from the ball [m2].
+        # Estimated variance of a point as a function of its distance from the ball [m2].
         self._noise = np.zeros(NODES)
         self.spacing = CELL  # of the observed points [m]
         self.reports_sd = True  # whether the sensor reports its standard deviations
@@ -191,7 +191,7 @@ class ElevationMap:
         """
         Add a scan made at a position of the ball [m], unless it contradicts the map.
 
-        Return the contradiction, an empty string if there is none.
+        Returns the contradiction, an empty string if there is none.
         """
         self._follow(position)
         inside = slice(scan.first - self.first, scan.first - self.first + len(scan.z))
@@ -220,7 +220,7 @@ class ElevationMap:
         new_variance += aligned
         self._learn(noise, residual / np.sqrt(scan.share), (variance + aligned) / scan.share,
                     common & ~outside & (scan.steep < 0.001))
-        # Scans are relative to gravity: the map takes their mean tilt, and does not drift.
+        # Scans are relative to gravity: the map uses their mean tilt, so that it does not drift.
         part = tilt / min(self.scans, AVERAGED_SCANS)
         self.height -= part * ((np.arange(NODES) + self.first) * CELL - position)
         self._fuse(inside, scan.z + shift + (tilt - part) * places, new_variance, residual, seen,
@@ -231,8 +231,8 @@ class ElevationMap:
         """
         Return the offset in nodes of a contradicting scan relative to the map, or 0.
 
-        The odometry of a ball that climbs, or spins at the foot of a step, slips: the observed
-        terrain has not moved, but the odometry is ahead or behind.
+        The odometry slips while the ball climbs, or spins at the foot of a step: the terrain has
+        not moved, but the odometry is ahead or behind.
         """
         fits = []
         for nodes in range(-SLIP_NODES_MAX, SLIP_NODES_MAX + 1):
@@ -253,7 +253,7 @@ class ElevationMap:
 
     @property
     def texture(self) -> float:
-        """Return the roughness of the map [m]: that of the floor and of the average of scans."""
+        """Return the roughness of the map [m]: of the floor, and of the averaged noise."""
         lag = max(1, math.ceil(self.spacing / CELL))
         known = np.where(self.known, self.height, np.nan)
         bend = np.abs(known[2 * lag:] - 2.0 * known[lag:-lag] + known[:-2 * lag])
@@ -264,7 +264,7 @@ class ElevationMap:
         least: Array = np.full(
             len(scan.z), NOISE_SD_MIN if self.scans >= SCANS_MIN else DEFAULT_NOISE_SD)
         if self.scans < SCANS_MIN and self.reports_sd:
-            # The bends of faces are outliers.
+            # Bends at faces are outliers.
             bend = np.minimum(scan.bend, 3.0 * math.sqrt(6.0) * deviation(scan.bend))
             roughness, = means_around(np.ones(len(bend), bool), math.sqrt(math.pi / 12.0) * bend)
             least = np.clip(roughness, NOISE_SD_MIN, DEFAULT_NOISE_SD)
@@ -272,7 +272,7 @@ class ElevationMap:
         return found
 
     def _begin(self, inside: slice, scan: Scan, variance: Array, places: Array) -> None:
-        """Start the map with a scan; the floor below the ball is at 0."""
+        """Initialize the map with a scan; the floor below the ball is at 0."""
         self.variance[:] = np.inf
         self.known[:] = False
         self._strikes[:] = 0.0
@@ -284,7 +284,7 @@ class ElevationMap:
         self.scans = 1
 
     def _learn(self, noise: Array, residual: Array, variance: Array, even: Flags) -> None:
-        """Estimate the noise of the scans from their residuals, by the distance from the ball."""
+        """Estimate the noise from the residuals, as a function of the distance from the ball."""
         self.scans += 1
         if np.count_nonzero(even) < OVERLAP_MIN:
             return
@@ -308,7 +308,7 @@ class ElevationMap:
         faded = np.where(fused, FADING * variance, 0.0)
         gain = faded / (faded + new_variance)
         gain[fresh] = 1.0
-        # A contradicting point is not averaged in, but raises the variance.
+        # A contradicting point is not averaged, but increases the variance.
         variance[:] = np.where(outside, variance + 0.04 * residual**2, variance)
         strikes[fresh] = 0.0
         old[:] = np.where(seen, old + gain * np.where(fused, residual, new - old), old)
@@ -338,7 +338,7 @@ class ElevationMap:
 
 def _alignment(places: Array, difference: Array, variance: Array,
                common: Flags) -> Tuple[float, float, Array]:
-    """Return shift [m] and tilt that fit map minus scan, outliers left out, and its variance."""
+    """Return the shift [m] and tilt of a robust fit of map minus scan, and its variance."""
     x, d, weight = places[common], difference[common], 1.0 / variance[common]
     shift, tilt, tilt_variance = middle(d), 0.0, 0.0
     long = x[-1] - x[0] > TILT_LENGTH_MIN
