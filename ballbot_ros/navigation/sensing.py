@@ -5,6 +5,8 @@ from typing import Tuple
 import numpy as np
 
 from ballbot_ros.decision import TerrainObservation
+from ballbot_ros.decision.perception.terrain_tracker import fault
+from ballbot_ros.errors import MessageError
 
 # Spacing of samples of the polyline [m]; the height of a face is the difference of the mean
 # heights over this number of samples behind and before it.
@@ -16,10 +18,17 @@ SLOPE_SAMPLES = 41
 
 
 def faces_in(observation: TerrainObservation) -> Tuple[Tuple[float, float], ...]:
-    """Return the distance ahead of the centre and the height of each face, nearest first [m]."""
+    """
+    Return the distance ahead of the centre and the height of each face, nearest first [m].
+
+    Raises `MessageError` if the observation is invalid.
+    """
     x, z = np.array(observation.x), np.array(observation.z)
-    if len(x) < 2 * SAMPLES or not (np.isfinite(x).all() and np.isfinite(z).all()):
+    if len(x) < 2 * SAMPLES:
         return ()
+    wrong = fault(x, z, np.array(observation.z_sd or (0.0,) * len(x)), observation, 'base_link')
+    if wrong:
+        raise MessageError(wrong, 'bad_observation', 'terrain_observation')
     from scipy import ndimage
     at = np.arange(max(float(x[0]), 0.0), float(x[-1]), SPACING)
     if len(at) <= 2 * SAMPLES:

@@ -14,7 +14,7 @@ from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import (
     check_decision, Knowledge, load_curve, load_decision_tuning, Motion, TerrainObservation)
 from ballbot_ros.decision.decider import warm_up
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, MessageError
 from ballbot_ros.floors import load_floor
 from ballbot_ros.navigation import Route, RoutePlanner
 from ballbot_ros.navigation.crossing import CrossingDriver
@@ -30,6 +30,7 @@ from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import exact, terrain_observation, to_seconds
 from ballbot_ros.ros.endpoints import create_subscription, create_trigger, subscribe_e_stop
+from ballbot_ros.ros.frames import FRAMES
 from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
@@ -147,9 +148,16 @@ class NavigatorNode(ManagedNode):
 
     def _on_terrain(self, message: Any) -> None:
         observation = terrain_observation(message)
+        if self._last is not None and observation.frame == self._last.child_frame_id:
+            # With a frame_prefix, the frame has another name than the decision requires.
+            observation = replace(observation, frame=FRAMES.base)
         self._observations.append(observation)
         del self._observations[:-20]
-        self._faces = faces_in(observation)
+        try:
+            self._faces = faces_in(observation)
+        except MessageError as error:
+            self.get_logger().warning(
+                f'terrain_observation refused: {error}', throttle_duration_sec=1.0)
 
     def _on_odometry(self, message: Odometry) -> None:
         last = self._last
