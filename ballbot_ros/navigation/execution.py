@@ -299,8 +299,8 @@ class Navigator:
     @staticmethod
     def _check(percept: Percept) -> None:
         if not all(math.isfinite(item) for item in percept[:5]):
-            raise RefusedError(f'localisation or odometry is not finite: {percept[:5]}',
-                               'not_finite', 'pose')
+            raise RefusedError('localisation or odometry is not finite, or a quaternion has '
+                               f'length 0: {percept[:5]}', 'not_finite', 'pose')
 
     @staticmethod
     def _jumped(last: Optional[Percept], percept: Percept) -> bool:

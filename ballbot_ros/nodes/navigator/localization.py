@@ -18,10 +18,11 @@ Pose = Tuple[float, float, float]
 
 
 def heading_of(orientation: Any) -> float:
-    """Return the yaw of a quaternion of any length [rad]."""
-    return math.atan2(2.0 * (orientation.w * orientation.z + orientation.x * orientation.y),
-                      orientation.w**2 + orientation.x**2
-                      - orientation.y**2 - orientation.z**2)
+    """Return the yaw of a quaternion of any length [rad], NaN if all components are 0."""
+    x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
+    if not any((x, y, z, w)):
+        return math.nan
+    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
 class Localization:
@@ -70,4 +71,4 @@ class Localization:
             for number in range(0, len(scan.ranges), step)
             for distance in [float(scan.ranges[number])]
             for angle in [heading + scan.angle_min + number * scan.angle_increment]
-            if math.isfinite(distance) and scan.range_min <= distance < scan.range_max)
+            if math.isfinite(distance + angle) and scan.range_min <= distance < scan.range_max)

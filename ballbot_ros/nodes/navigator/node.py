@@ -163,10 +163,11 @@ class NavigatorNode(ManagedNode):
         last = self._last
         if last is not None and exact(message) < exact(last):
             self.abort('time_jump', 'time went back')
-            last, self._traveled = None, 0.0
             self._observations.clear()
         position, heading = message.pose.pose.position, heading_of(message.pose.pose.orientation)
-        if last is not None:
+        if last is None or self.state.status is not NavStatus.CROSSING:
+            self._traveled = 0.0
+        else:
             before = last.pose.pose.position
             self._traveled += (position.x - before.x) * math.cos(heading) \
                 + (position.y - before.y) * math.sin(heading)

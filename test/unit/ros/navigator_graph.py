@@ -44,6 +44,7 @@ class Graph:
         self.plans, self.feedback = [], []
         self.speed, self.yaw_rate, self.time = 0.0, 0.0, 1.0
         self.pose = list(START)
+        self.turn = None  # orientation in odom in place of the heading
         self.client.create_subscription(TwistStamped, 'cmd_vel', self.on_speed, 10)
         self.client.create_subscription(Path, 'plan', self.plans.append, qos.LATCHED)
 
@@ -62,6 +63,8 @@ class Graph:
             message = Odometry()
             message.header.stamp = to_time(self.time)
             message.pose.pose = stamped_pose('odom', to_time(0.0), *self.pose).pose
+            if self.turn is not None:
+                message.pose.pose.orientation = self.turn
             message.twist.twist.linear.x = self.speed
             transform = TransformStamped(child_frame_id='odom')
             transform.header.frame_id, transform.header.stamp = 'map', message.header.stamp

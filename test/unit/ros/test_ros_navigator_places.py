@@ -7,8 +7,10 @@ from navigator_graph import Graph, START
 import numpy as np
 from PIL import Image
 import pytest
+from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
+from ballbot_ros.msg import TerrainObservation
 from ballbot_ros.navigation.execution import NavStatus
 from ballbot_ros.nodes.navigator.localization import heading_of
 from ballbot_ros.nodes.navigator.outputs import stamped_pose
@@ -82,6 +84,28 @@ def test_a_jump_of_the_localisation_stops_the_ball(at_start, goal):
     assert at_start.spin(10.0, lambda: at_start.speed == 0.0)
     handle.cancel_goal_async()
     assert at_start.fails(handle) == 'canceled'
+
+
+def test_sensor_data_that_are_not_finite_have_no_lasting_effect(at_start):
+    node, before = at_start.node, at_start.node._traveled
+    terrain = at_start.client.create_publisher(TerrainObservation, 'terrain_observation', 1)
+    for value in (math.nan, math.inf, 1e300):
+        at_start.scans.publish(LaserScan(
+            ranges=[1.0] * 9, range_max=8.0, angle_min=value, angle_increment=value))
+        terrain.publish(TerrainObservation(x=[value] * 9, z=[0.0]))
+        at_start.pose[0], at_start.turn = value, Quaternion(z=value, w=1.0)
+        at_start.spin(0.3)
+    at_start.pose, at_start.turn = list(START), None
+    assert at_start.spin(5.0, lambda: node.percept.x == START[0] and node._faces is None)
+    assert abs(node._traveled - before) < 1.0
+
+
+def test_odometry_and_transforms_with_a_quaternion_of_zeros_end_the_goal(at_start):
+    handle = at_start.send(2.4, 2.4)
+    at_start.turn = Quaternion(w=0.0)
+    at_start.spin(0.5)
+    at_start.turn = None
+    assert at_start.fails(handle) == 'not_finite'
 
 
 def test_a_map_with_a_wall_at_the_goal_ends_it_while_the_ball_drives(at_start):
