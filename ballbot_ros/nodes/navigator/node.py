@@ -115,9 +115,12 @@ class NavigatorNode(ManagedNode):
         return SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Discard the navigator with its floor."""
+        """Stop the ball, end the goal and discard the navigator with its floor."""
+        self.on_deactivate(state)
         self.navigator = None
         return SUCCESS
+
+    on_shutdown = on_error = on_cleanup
 
     @property
     def active(self) -> bool:

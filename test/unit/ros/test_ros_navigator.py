@@ -99,6 +99,15 @@ def test_deactivation_ends_a_goal_and_further_goals_are_refused(graph):
     assert not graph.send(2.6, 1.4).accepted
 
 
+def test_shutdown_ends_a_goal_and_further_goals_are_refused(graph):
+    handle = graph.send(2.6, 1.4)
+    assert graph.spin(20.0, lambda: abs(graph.speed) > 0.1)
+    graph.node.trigger_shutdown()
+    assert graph.wait(handle.get_result_async()).result.error_msg.startswith('inactive')
+    assert graph.spin(5.0, lambda: graph.speed == 0.0)
+    assert not graph.send(2.6, 1.4).accepted
+
+
 @pytest.mark.parametrize('graph', [{'floor': 'no_such_floor'}], indirect=True)
 def test_a_missing_floor_leaves_the_node_unconfigured(graph):
     assert graph.node.state_label == 'unconfigured'
