@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node ``navigator`` on real topics: actions, goal_pose, cancellation, preemption, e-stop."""
 import math
+import time
 
 from geometry_msgs.msg import Quaternion
 from navigator_graph import Graph, START
@@ -106,6 +107,15 @@ def test_shutdown_ends_a_goal_and_further_goals_are_refused(graph):
     assert graph.wait(handle.get_result_async()).result.error_msg.startswith('inactive')
     assert graph.spin(5.0, lambda: graph.speed == 0.0)
     assert not graph.send(2.6, 1.4).accepted
+
+
+def test_a_goal_ends_when_odometry_stops(graph, monkeypatch):
+    monkeypatch.setattr('ballbot_ros.nodes.navigator.node.SILENCE', 1)
+    result = graph.send(2.6, 1.4).get_result_async()
+    end = time.monotonic() + 20.0
+    while not result.done() and time.monotonic() < end:
+        graph.executor.spin_once(timeout_sec=0.1)
+    assert result.done() and result.result().result.error_msg.startswith('missing')
 
 
 @pytest.mark.parametrize('graph', [{'floor': 'no_such_floor'}], indirect=True)
