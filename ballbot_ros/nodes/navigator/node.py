@@ -66,6 +66,7 @@ class NavigatorNode(ManagedNode):
         self.state = NavigationState()
         self.percept: Optional[Percept] = None
         self._active = False
+        self._problem = ''  # why configure failed
         self._observations: List[TerrainObservation] = []
         self._faces: Optional[Tuple[Tuple[float, float], ...]] = None
         self._traveled = 0.0
@@ -102,8 +103,11 @@ class NavigatorNode(ManagedNode):
             self.navigator.planner.warm_up()
             self._crossing = CrossingDriver(self._knowledge)
         except BallbotError as error:
-            self.get_logger().error(str(error))
+            if str(error) != self._problem:  # logged once, not with each attempt
+                self._problem = str(error)
+                self.get_logger().error(f'cannot configure: {error}')
             return FAILURE
+        self._problem = ''
         self.get_logger().info(f'ready to plan after {time.monotonic() - start:.1f} s')
         return SUCCESS
 
@@ -253,7 +257,7 @@ class NavigatorNode(ManagedNode):
                   'obstacles': len(self.state.learned.obstacles),
                   **diagnostics.refusals('goals', self.servers.refused)}
         if not self.active:
-            return diagnostics.WARN, 'inactive', values
+            return diagnostics.WARN, ': '.join(filter(None, ('inactive', self._problem))), values
         if self.percept is None:
             return diagnostics.WARN, 'waiting for odom' if self._last is None else (
                 f'waiting for the transform from {self._settings.map_frame} to '

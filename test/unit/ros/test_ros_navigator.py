@@ -119,8 +119,11 @@ def test_a_goal_ends_when_odometry_stops(graph, monkeypatch):
 
 
 @pytest.mark.parametrize('graph', [{'floor': 'no_such_floor'}], indirect=True)
-def test_a_missing_floor_leaves_the_node_unconfigured(graph):
+def test_a_missing_floor_leaves_the_node_unconfigured(graph, capfd):
+    graph.spin(2.5)
     assert graph.node.state_label == 'unconfigured'
+    assert 'no_such_floor' in graph.node._health()[1]
+    assert 'no_such_floor' not in capfd.readouterr().err  # logged once, at the start
     assert not graph.send(2.6, 1.4).accepted
 
 
