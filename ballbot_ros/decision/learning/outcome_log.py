@@ -131,6 +131,9 @@ class OutcomeLog:
         if self.reading.refusal:
             self.problem = (f'{self.reading.refusal}; nothing is learned from it or '
                             'added to it: "ballbot outcomes reset" starts a new log')
+        elif not os.access(there := path if path.exists() else path.parent, os.W_OK):
+            self.problem = (f'outcomes cannot be kept in {path}: {there} '
+                            + ('is not writable' if there.exists() else 'does not exist'))
         self._database: Optional[sqlite3.Connection] = None
         self._writer = ThreadPoolExecutor(1, 'outcome_log')
 

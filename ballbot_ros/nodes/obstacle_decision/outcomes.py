@@ -30,8 +30,9 @@ class Experience:
             return
         start = time.monotonic()
         self._log = OutcomeLog(Path(path).expanduser(), knowledge.robot.digest)
-        if self._log.reading.refusal:
+        if self._log.problem:
             logger.warning(f'outcome_log: {self._log.problem}')
+        if self._log.reading.refusal:
             return
         outcomes = self._log.reading.outcomes[-NEWEST:]
         self.knowledge = replace(

@@ -68,3 +68,10 @@ def test_a_file_that_is_not_a_log_is_reported_and_unchanged(tmp_path):
     assert experience.knowledge is KNOWLEDGE
     assert 'outcome_log' in logger.said[1] and 'outcome_log' in experience.problem
     assert path.read_text() == 'not an outcome\nnor this\n'
+
+
+def test_a_log_that_cannot_be_written_is_reported_at_the_start(tmp_path):
+    path, logger = tmp_path / 'none' / 'outcomes', Logger()
+    experience = Experience(str(path), KNOWLEDGE, 'cubic', logger)
+    experience.close()
+    assert 'does not exist' in logger.said[1] and str(path) in experience.problem['outcome_log']
