@@ -97,6 +97,7 @@ class NavigatorNode(ManagedNode):
             self._kept = Learned.read(Path(settings.learned).expanduser()) \
                 if settings.learned else Learned()
             self.state = NavigationState(learned=self._kept)
+            self._write()  # a file that cannot be written is reported now
             self.navigator = Navigator(RoutePlanner(
                 load_floor(settings.floor), self._knowledge, self._kept), self._knowledge)
             warm_up(self._knowledge, 'rollout')
@@ -224,13 +225,18 @@ class NavigatorNode(ManagedNode):
 
     def _keep(self) -> None:
         """Write the learned data to their file, if they have changed."""
-        if self.state.learned == self._kept or not self._settings.learned:
+        if self.state.learned != self._kept:
+            self._kept = self.state.learned
+            self._write()
+
+    def _write(self) -> None:
+        if not self._settings.learned:
             return
-        self._kept = self.state.learned
         try:
-            self._kept.write(Path(self._settings.learned).expanduser())
+            self.state.learned.write(Path(self._settings.learned).expanduser())
         except OSError as error:
-            self.get_logger().warning(f'learned: {error}', throttle_duration_sec=10.0)
+            self.get_logger().warning(
+                f'learned data cannot be kept: {error}', throttle_duration_sec=10.0)
 
     def _reload(self) -> str:
         """Reload the floor; with an active goal, the ball stops and the route is planned again."""

@@ -127,6 +127,12 @@ def test_a_missing_floor_leaves_the_node_unconfigured(graph, capfd):
     assert not graph.send(2.6, 1.4).accepted
 
 
+def test_a_file_for_learned_data_that_cannot_be_written_is_reported(context, tmp_path, capfd):
+    (tmp_path / 'file').touch()
+    Graph(context, learned=str(tmp_path / 'file' / 'learned.json')).close()
+    assert 'learned data cannot be kept: ' in capfd.readouterr().err
+
+
 def test_a_curve_of_another_robot_ends_the_node(context):
     with pytest.raises(ConfigurationError) as caught:
         Graph(context, curve='shellball_free')
