@@ -34,6 +34,7 @@ CLOCK_TIMEOUT, CLOCK_WARNING_PERIOD = 3.0, 10.0
 EXIT_REFUSED = 2  # exit code when the node does not accept its configuration
 STRAY_ARGUMENT = ('not an argument of a node; parameters are given as in --ros-args -p '
                   'robot:=gimball')
+NO_VALUE = 'there is no value; an empty text is given as in -p "map_frame:=\'\'"'
 
 
 class Stop:
@@ -128,6 +129,7 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
         reason = reason_of(error)
         if reason.startswith('['):  # rclpy only lists the unknown arguments
             reason = f'{", ".join(ast.literal_eval(reason))}: {STRAY_ARGUMENT}'
+        reason = reason.replace('error not set', NO_VALUE)
         print(f'cannot start: {reason}', file=sys.stderr)
         return EXIT_REFUSED
     words = sys.argv[1:] if args is None else args

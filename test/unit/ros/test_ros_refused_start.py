@@ -94,6 +94,13 @@ def test_a_malformed_command_line_is_refused_before_a_node_is_made(
     assert (STRAY_ARGUMENT in last) is stray
 
 
+def test_a_parameter_without_a_value_is_refused_with_the_remedy(handlers_restored, capsys):
+    assert run(lambda: pytest.fail('the node was made'),
+               ['--ros-args', '-p', 'frame_prefix:=']) == EXIT_REFUSED
+    printed = capsys.readouterr().err
+    assert 'frame_prefix:=' in printed and 'an empty text is given' in printed
+
+
 @pytest.mark.parametrize('nodes, word, hinted', [
     (2, 'scene:=doorstep', True), (2, 'controller:scene:=doorstep', False),
     (1, 'scene:=doorstep', False)])
