@@ -58,8 +58,8 @@ ESCAPE_DISTANCE_MAX, LOCALIZATION_ERROR_MAX = 1.0, 0.08
 # Areas that no route enters, and features whose edges no route crosses.
 CLOSED = ('keep_out', 'stairs')
 BARRED = ('drop', 'ramp', *CLOSED)
-# Kinds of features with an edge.
-FACED = tuple(kind for kind in (*LINES, *AREAS) if kind != 'friction')
+# Kinds of features that routes cross.
+CROSSED = tuple(kind for kind in (*LINES, *AREAS) if kind not in ('friction', *BARRED))
 # Length of the parts in which the edge of a ramp is checked, and offset to both sides [m].
 EDGE_LENGTH, EDGE_OFFSET = 0.05, 0.01
 # Upper bound of the standard deviation of a measured height [m].
@@ -455,7 +455,7 @@ class RoutePlanner:
     def _crossings(self, number: int) -> List[_Arc]:
         """Return the crossings of a feature, in both directions."""
         feature = self.features[number]
-        if feature.kind in ('friction', *BARRED):
+        if feature.kind not in CROSSED:
             return []
         found = []
         for edge in self.boundaries[number]:
@@ -920,7 +920,7 @@ class RoutePlanner:
         found = dict.fromkeys(
             (number, sign) for one, two in zip(points, points[1:])
             for number, (edges, feature) in enumerate(zip(self.boundaries, self.features))
-            if feature.kind in FACED
+            if feature.kind in CROSSED
             for _, sign, _ in crossings_between([edge.line for edge in edges], one, two))
         return float(far[first] * self._size), list(found)
 

@@ -570,6 +570,19 @@ def test_a_refusal_names_the_run_up_and_the_room_of_one_place(tmp_path):
     assert '0.00 m' not in str(refusal.value)
 
 
+def test_a_refusal_names_no_ramp_whose_side_the_shortest_path_passes(tmp_path):
+    """Cells of the lattice on both sides of the low part of a ramp's side are neighbours."""
+    area = 'polygon: [[{0}, 1.09], [{1}, 1.09], [{1}, 2.09], [{0}, 2.09]], height: 0.012'
+    planner = planner_of(tmp_path, [
+        '{kind: step, name: sill, line: [[0, 2.9], [4.5, 2.9]], height: 0.048}',
+        f'{{kind: level, {area.format(0, 2.6)}}}',
+        f'{{kind: ramp, name: ramp, {area.format(2.6, 4)}, line: [[4, 2], [2.6, 2]]}}'],
+        (4.5, 4.2))
+    with pytest.raises(RefusedError) as refusal:
+        planner.route((2.5, 3.6), (3.2, 0.4))
+    assert 'sill' in str(refusal.value) and 'ramp' not in str(refusal.value)
+
+
 HIGH = '{kind: step, line: [[2.0, 4.0], [2.0, 0.0]], height: 0.06}'
 PODIUM = '{kind: level, polygon: [[2, 0], [4, 0], [4, 4], [2, 4]], height: 0.06}'
 PIT = '{kind: level, polygon: [[2, 0], [2, 4], [0, 4], [0, 0]], height: -0.06}'
