@@ -712,8 +712,9 @@ class RoutePlanner:
         RefusedError
             If start or goal is refused, see `check_place`.  With the reason ``'no_route'`` if no
             route exists; the message lists the crossings on the shortest path, and why each is
-            excluded.  With ``'improbable'`` if only the product of the probabilities of the
-            crossings is below the required one.
+            excluded, or the run-up and room of each if the ball cannot turn between them.  With
+            ``'improbable'`` if only the product of the probabilities of the crossings is below
+            the required one.
 
         """
         self.check_place(goal, 'goal')
@@ -790,13 +791,14 @@ class RoutePlanner:
                 'no route: walls, obstacles, drops, keep-out areas or ramps steeper than '
                 f'{math.degrees(self._steepest):.1f} degrees separate start and goal',
                 'no_route', 'goal')
-        lacks = '; '.join(self._lack(number, sign) for number, sign in passed if not any(
-            arc.segment.sign == sign for arc in self._arcs[number][1]))
+        lacks = [self._lack(number, sign) for number, sign in passed if not any(
+            arc.segment.sign == sign for arc in self._arcs[number][1])]
         if point_gets_there or not lacks:
-            lacks = 'the ball cannot turn in the available space' + (f'; {lacks}' * bool(lacks))
+            lacks = ['the ball cannot turn in the available space', *(
+                self._lack(number, sign) for number, sign in passed)]
         raise RefusedError(
             'no route reaches the required probability of '
-            f'{self._tuning.required_probability:g}. On the shortest path, {lacks}',
+            f'{self._tuning.required_probability:g}. On the shortest path, {"; ".join(lacks)}',
             'no_route', 'goal')
 
     def _starts(self, start: Sequence[float], ways: Sequence[int]

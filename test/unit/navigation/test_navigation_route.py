@@ -583,6 +583,17 @@ def test_a_refusal_names_no_ramp_whose_side_the_shortest_path_passes(tmp_path):
     assert 'sill' in str(refusal.value) and 'ramp' not in str(refusal.value)
 
 
+def test_a_refusal_names_the_door_before_which_the_ball_cannot_turn(tmp_path):
+    """A platform before the door leaves less run-up than the ball requires to turn there."""
+    planner = planner_of(tmp_path, [
+        '{kind: threshold, name: door, line: [[1.5, 2], [2.5, 2]], height: 0.006, width: 0.05}',
+        '{kind: level, polygon: [[0.6, 2.5], [3.4, 2.5], [3.4, 3.4], [0.6, 3.4]], height: 0.02}'],
+        (4, 5), '[[[0, 2], [1.5, 2]], [[2.5, 2], [4, 2]]]')
+    with pytest.raises(RefusedError) as refusal:
+        planner.route((2.0, 4.2), (2.0, 0.8))
+    assert 'cannot turn' in str(refusal.value) and 'm before it' in str(refusal.value)
+
+
 HIGH = '{kind: step, line: [[2.0, 4.0], [2.0, 0.0]], height: 0.06}'
 PODIUM = '{kind: level, polygon: [[2, 0], [4, 0], [4, 4], [2, 4]], height: 0.06}'
 PIT = '{kind: level, polygon: [[2, 0], [2, 4], [0, 4], [0, 0]], height: -0.06}'
