@@ -100,8 +100,8 @@ class Feature(Checked):
 
     @property
     def label(self) -> str:
-        """Return the name, or the kind with the height [mm]."""
-        return self.name or f'{self.kind} of {1e3 * self.height:.0f} mm'
+        """Return the name, or the kind with the height if it is not 0 [mm]."""
+        return self.name or self.kind + f' of {1e3 * self.height:.0f} mm' * bool(self.height)
 
     @property
     def segments(self) -> Tuple[Tuple[Point, Point], ...]:

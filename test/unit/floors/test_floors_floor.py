@@ -8,7 +8,7 @@ import pytest
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.floors import Floor, load_floor, read_map
-from ballbot_ros.floors.floor import distance_to_segment, FREE, inside, OCCUPIED, UNKNOWN
+from ballbot_ros.floors.floor import distance_to_segment, Feature, FREE, inside, OCCUPIED, UNKNOWN
 
 MAP = 'image: plan.pgm\nresolution: 0.1\norigin: [-1.0, 2.0, 0.0]\nnegate: {}\n' \
     'occupied_thresh: 0.65\nfree_thresh: 0.2\n'
@@ -113,6 +113,12 @@ features:
     ('robot: gimball\nterrain: []\nduration: 3', ('wrong_kind', 'floor'))])
 def test_a_floor_that_contradicts_itself_is_refused(text, refusal, tmp_path):
     assert refusal in refusals(tmp_path / 'f.yaml', text)
+
+
+def test_the_label_of_stairs_without_a_height_states_none():
+    corners = [[1, 1], [2, 1], [2, 2]]
+    assert Feature(kind='stairs', polygon=corners).label == 'stairs'
+    assert Feature(kind='stairs', polygon=corners, height=0.3).label == 'stairs of 300 mm'
 
 
 def test_walls_have_the_thickness_of_the_file(tmp_path):
