@@ -788,8 +788,9 @@ class RoutePlanner:
                 ) -> None:
         if not math.isfinite(shortest):
             raise RefusedError(
-                'no route: walls, obstacles, drops, keep-out areas or ramps steeper than '
-                f'{math.degrees(self._steepest):.1f} degrees separate start and goal',
+                'no route: walls, obstacles, drops, stairs, keep-out areas, edges of ramps, or '
+                f'ramps steeper than {math.degrees(self._steepest):.1f} degrees separate start '
+                'and goal',
                 'no_route', 'goal')
         lacks = [self._lack(number, sign) for number, sign in passed if not any(
             arc.segment.sign == sign for arc in self._arcs[number][1])]

@@ -646,6 +646,14 @@ def test_a_ramp_on_which_the_ball_cannot_stand_is_closed(tmp_path):
     assert refusal.value.reason == 'feature'
 
 
+def test_a_ramp_that_ends_at_no_level_is_not_refused_for_its_slope_alone(tmp_path):
+    planner = planner_of(tmp_path, [
+        '{kind: ramp, polygon: [[1.5, 0], [3, 0], [3, 3], [1.5, 3]], height: 0.02, '
+        'line: [[1.5, 1], [3, 1]]}'], (5, 3))  # 0.8 degrees
+    with pytest.raises(RefusedError, match='edges of ramps'):
+        planner.route((0.7, 1.5), (4.2, 1.5))
+
+
 def test_a_goal_may_be_on_a_ramp(tmp_path):
     planner = planner_of(tmp_path, [PLATFORM, RAMP.format(3.5)], (9, 5))
     assert planner.route((1.5, 1.0), (4.5, 2.7)).segments
