@@ -494,9 +494,10 @@ def _points(given: Any, field: str, least: int) -> Tuple[Point, ...]:
     if not isinstance(given, (list, tuple)) or len(given) < least or not all(
             isinstance(point, (list, tuple)) and len(point) == 2 and all(
                 isinstance(item, (int, float)) and not isinstance(item, bool)
-                and math.isfinite(item) for item in point) for point in given):
+                and math.isfinite(item) for item in point) for point in given) \
+            or len(set(map(tuple, given))) < least:
         raise ConfigurationError(
-            f'{field} must be at least {least} points [x, y] of finite numbers in m, '
+            f'{field} must be at least {least} different points [x, y] of finite numbers in m, '
             f'got {given!r}', 'wrong_type', field)
     return tuple((float(x), float(y)) for x, y in given)
 

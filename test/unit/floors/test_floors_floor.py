@@ -94,7 +94,7 @@ features:
 walls: {size: [5, 5], lines: []}
 start: [1, 40, 0]
 features:
-  - {kind: ramp, polygon: [[1, 1]], line: [[2, 2], [2, 2]], height: 0}
+  - {kind: ramp, polygon: [[1, 1]], line: [[2, 2], [3, 2], [2, 2]], height: 0}
   - {kind: step, line: [[1, 1], [2000, 2]], height: 0.04}
 """)
     assert found == {('wrong_type', 'polygon'), ('inconsistent', 'line'),
@@ -110,6 +110,8 @@ features:
     ('walls: {size: [1e4, 1e4], lines: []}', ('out_of_range', 'image')),
     ('walls: {size: [4, 4], lines: []}\nfeatures:\n'
      '  - {kind: step, line: [[1, 1], [2, 1]], height: .nan}', ('not_finite', 'height')),
+    ('walls: {size: [4, 4], lines: []}\nfeatures:\n'
+     '  - {kind: step, line: [[1, 1], [1, 1]], height: 0.02}', ('wrong_type', 'line')),
     ('robot: gimball\nterrain: []\nduration: 3', ('wrong_kind', 'floor'))])
 def test_a_floor_that_contradicts_itself_is_refused(text, refusal, tmp_path):
     assert refusal in refusals(tmp_path / 'f.yaml', text)
