@@ -18,6 +18,7 @@ from typing import List, NamedTuple, Protocol, Tuple
 import numpy as np
 
 from ballbot_ros.bridge.hardware_file import Hardware
+from ballbot_ros.bridge.motor_state import MEASUREMENT_AGE_MAX
 from ballbot_ros.drives.driver import Driver
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.physics.model.robot import Robot
@@ -159,7 +160,7 @@ class Calibrator:
     def _hold(self, initial: float, torque: float, scale: float) -> float:
         """Change the torque slowly, wait until the pendulum rests, and return its angle."""
         driver = self._driver
-        start = driver.clock()
+        start = measured = driver.clock()
         seen: List[float] = []
         while (now := driver.clock()) - start < RAISE + SETTLE + LOOK:
             part = min((now - start) / RAISE, 1.0)
@@ -170,6 +171,11 @@ class Calibrator:
             if telemetry.faults:
                 raise RefusedError(f'the drive reports {", ".join(telemetry.faults)}',
                                    'failed', 'drive')
+            measured = max(measured, telemetry.measured or 0.0)
+            if driver.clock() - measured > MEASUREMENT_AGE_MAX:
+                raise RefusedError(
+                    'stopped: the drive has not reported the position of its shaft for '
+                    f'{MEASUREMENT_AGE_MAX:g} s; check the line', 'missing', 'encoder')
             angle = scale * ((telemetry.position or 0.0) - self._zero)
             rate = scale * (telemetry.velocity or 0.0)
             if abs(angle) > FURTHEST or abs(rate) > FASTEST:

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from refusals import refused
 from scipy.optimize import curve_fit
-from virtual_robot import VirtualRobot
+from virtual_robot import STEP, VirtualRobot
 
 from ballbot_ros.bridge.commissioning.calibration import Calibrator, fit
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.cli.calibrate_motor import write
 from ballbot_ros.config.files import config_folder, read_yaml
 from ballbot_ros.drives.emulated_device import DriveSettings
-from ballbot_ros.errors import RefusedError
+from ballbot_ros.errors import BallbotError, RefusedError
 from ballbot_ros.physics import load_robot
 
 GIMBALL = load_robot('gimball')
@@ -109,6 +109,24 @@ def test_ctrl_c_under_torque_stops_the_motor():
     robot.torques.clear()
     robot.pass_time(0.05)
     assert not any(robot.torques)
+
+
+@pytest.mark.parametrize('protocol', ['odrive', 'vesc', 'roboclaw'])
+@pytest.mark.parametrize('delay', [math.inf, 0.3])
+def test_torque_ends_when_measurements_stop(protocol, delay):
+    robot = VirtualRobot(protocol, held=True)
+    passing, after = robot.pass_time, []
+
+    def late(seconds):
+        passing(seconds)
+        if robot.motor > 0.005:
+            robot._delay = delay
+        if robot._delay == delay:
+            after.append(robot.motor)
+    robot.pass_time = late
+    with pytest.raises(BallbotError):
+        calibrate(robot)
+    assert STEP * sum(torque != 0.0 for torque in after) < 0.15 and not any(after[-10:])
 
 
 def test_a_disconnected_encoder_is_detected():
