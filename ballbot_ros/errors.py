@@ -175,9 +175,10 @@ class DriveError(_ErrorWithReason):
     Attributes
     ----------
     reason : str
-        One word: ``'silent'``, ``'garbled'`` (undecodable bytes: wrong baud rate or
-        noise), ``'wrong_protocol'``, ``'firmware'``, ``'not_armed'``, ``'not_stopped'``,
-        ``'not_clearable'`` (faults) or ``'no_voltage'`` (the supply voltage is unknown).
+        One word: ``'silent'``, ``'late'`` (valid replies arrive too late), ``'garbled'``
+        (undecodable bytes: wrong baud rate or noise), ``'wrong_protocol'``, ``'firmware'``,
+        ``'not_armed'``, ``'not_stopped'``, ``'not_clearable'`` (faults) or ``'no_voltage'`` (the
+        supply voltage is unknown).
 
     """
 

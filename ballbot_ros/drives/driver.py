@@ -216,7 +216,8 @@ class Driver(ABC):
         Perform the handshake and return the identity of the drive.
 
         Raises `DriveError` with reason ``silent``, ``garbled`` or ``wrong_protocol`` if no such
-        drive answers, ``firmware`` if it does not support the commands.
+        drive answers, ``late`` if it answers too late, ``firmware`` if it does not support the
+        commands.
         """
 
     @abstractmethod
@@ -385,7 +386,8 @@ class Driver(ABC):
         if replies and not self._corrupted_since(before):
             return self._error(
                 f'{replies} valid replies of the {self.maker} received, but none to the last '
-                'request: they arrive too late, on a busy machine or a slow line', 'silent')
+                'request: they arrive too late, on a busy machine or a slow line; reply_timeout '
+                f'is {self.options.reply_timeout:g} s', 'late')
         return self._error(
             f'{received} bytes received, but no complete reply of the {self.maker}: wrong baud '
             'rate, another protocol, or noise', 'garbled')

@@ -173,6 +173,9 @@ def _wrong_drive(hardware: Hardware, error: Union[DriveError, LinkError],
     if error.reason == 'firmware':
         return Finding(WRONG, str(error), 'change the firmware with the tool of its '
                        'manufacturer, or the section drive of the file')
+    if error.reason == 'late':
+        return Finding(WRONG, str(error), 'end other programs, and connect the drive directly, '
+                       'without a network or a hub in between')
     found = probe(connection.port, connection.protocol, connection.baud, progress)
     if found is None:
         serial = line_of(connection.protocol) is SERIAL

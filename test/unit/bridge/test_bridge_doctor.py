@@ -16,6 +16,7 @@ from ballbot_ros.bridge.commissioning.doctor import (
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.cli.command import main
 from ballbot_ros.drives import driver_class, DRIVES, line_of, SERIAL
+from ballbot_ros.emulator.control import execute
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.errors import DriveError, LinkError
 from ballbot_ros.physics import load_scene
@@ -115,6 +116,14 @@ def test_unsupported_firmware_is_not_reported_as_a_wrong_baud_rate():
         drive.call(lambda: drive.device.properties.update(fw_version_minor=7))
         wrong = only_wrong(check_drive(hardware(port=drive.path)))
     assert 'must be 0.5 or 0.6, got 0.7.11' in wrong.what and 'firmware' in wrong.remedy
+
+
+def test_late_replies_are_not_reported_as_a_drive_that_does_not_answer():
+    with odrive('0.5') as drive:
+        execute(drive, 'delay 0.07 from')
+        wrong = only_wrong(check_drive(hardware(port=drive.path)))
+    assert 'too late' in wrong.what and 'reply_timeout is 0.05 s' in wrong.what
+    assert 'no known drive' not in wrong.remedy
 
 
 def test_the_latency_timer_of_an_ftdi_adapter_is_found(tmp_path):

@@ -247,7 +247,7 @@ def test_valid_replies_that_come_too_late_are_distinguished_from_corrupted_ones(
     # The other protocols also match late replies to requests.
     bench = Bench(kind)
     bench._delay = 2.4 * bench.driver.options.reply_timeout
-    with refused('silent', 'drive', DriveError) as caught:
+    with refused('late', 'drive', DriveError) as caught:
         bench.driver.identify(timeout=0.2)
     assert 'too late' in str(caught.value)
     bench.from_drive = lambda data: data[:-4] + b'1' + data[-3:]  # a wrong checksum
