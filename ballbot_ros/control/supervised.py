@@ -14,7 +14,7 @@ from ballbot_ros.errors import MessageError
 LOG = logging.getLogger(__name__)
 
 # Largest time by which the stamp of a set-point may be ahead of the joint states [s].
-CLOCK_SKEW_MAX = 1.0
+STAMP_AHEAD_MAX = 1.0
 # Tolerance factor of measured rates.
 RATE_SLACK = 0.98
 # Number of periods whose median gives the rate, and smallest number that does: one joint state
@@ -140,7 +140,7 @@ class SupervisedController:
         ahead = set_point.stamp - self.time
         # With the e-stop engaged joint states may have stopped, and the age is unknown.
         dated = self._newest is not None and not self.e_stop
-        if dated and ahead > CLOCK_SKEW_MAX:
+        if dated and ahead > STAMP_AHEAD_MAX:
             raise MessageError(
                 f'set-point stamped {set_point.stamp:.3f} s refused: the joint '
                 f'states are stamped {self.time:.3f} s; is one of them stamped with wall time?',
