@@ -121,7 +121,7 @@ class ArrivalClock:
         """
         Return the time at which a reading was sent from that of its arrival [s].
 
-        Arrivals must not decrease, and the result does not.
+        The result does not decrease.
         """
         expected = self._last + self._period
         late = arrival - expected
@@ -220,10 +220,11 @@ class ImuSource:
             self._change_baud(self._wanted)
             return []
         found = []
-        for reading in readings:
+        for after, reading in zip(reversed(range(len(readings))), readings):
             self._repetitions = self._repetitions + 1 if reading == self._last else 0
             self._last = reading
-            stamp = self._arrivals.sent(arrival) - self._delay
+            # Readings that arrive together were sent at intervals of a period.
+            stamp = self._arrivals.sent(arrival - after / self._sensor.rate) - self._delay
             self.counts['saturated'] += reading.saturated
             if self._repetitions >= self._longest_repetition:
                 self.counts['frozen'] += 1

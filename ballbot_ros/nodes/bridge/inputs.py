@@ -81,22 +81,22 @@ class MotorInputs:
     def imu(self, reading: StampedReading) -> None:
         """Pass on a reading of the sensor on the bridge's own port."""
         self._take_imu(lambda: ImuReading(
-            reading.stamp, -reading.turn_rate[1], reading.force[0], reading.force[2]))
+            reading.stamp, -reading.turn_rate[1], reading.force[0], reading.force[2]), 0.0)
 
     def _on_imu(self, message: AnyImu) -> None:
         self._take_imu(lambda: imu_reading(message, self._clocks))
 
-    def _take_imu(self, convert: Callable[[], ImuReading]) -> None:
+    def _take_imu(self, convert: Callable[[], ImuReading], pause: float = REFUSED_PAUSE) -> None:
         try:
             self._session.imu(convert())
         except MessageError as error:
             self.imu_refused += 1
-            self._refused('IMU reading', error)
+            self._refused('IMU reading', error, pause)
 
-    def _refused(self, what: str, error: MessageError) -> None:
+    def _refused(self, what: str, error: MessageError, pause: float = REFUSED_PAUSE) -> None:
         self._session.observer.refused(what, error)
         self._logger.warning(f'{what} refused: {error}', throttle_duration_sec=1.0)
-        sleep(REFUSED_PAUSE)
+        sleep(pause)
 
     def _on_e_stop(self, engaged: bool) -> None:
         """Engage the e-stop on request; only the service releases it."""

@@ -146,6 +146,14 @@ def test_stamps_are_evenly_spaced_although_the_thread_is_delayed(reading):
     assert min(steps) > 0.003 and max(steps) < 0.007
 
 
+def test_old_readings_are_not_stamped_as_new_after_a_long_delay_of_the_thread(reading):
+    line, source = reading
+    line.sleep(0.1)
+    found = source.read(0.0)
+    assert found[-1].stamp - found[0].stamp == pytest.approx(0.005 * (len(found) - 1), abs=0.002)
+    assert len(found) == pytest.approx(20, abs=1)
+
+
 def test_a_replugged_sensor_is_found_and_configured_again(reading):
     line, source = reading
     line.plugged = False

@@ -8,6 +8,7 @@ from sensor_msgs.msg import Imu, JointState
 from tiers import slow
 
 from ballbot_ros.bridge.supervisor import EStop, StopReason
+from ballbot_ros.imus.source import StampedReading
 from ballbot_ros.nodes.bridge.inputs import RELEASE_DELAY
 from ballbot_ros.nodes.bridge.node import Bridge
 from ballbot_ros.ros.set_points import REFUSED_PAUSE
@@ -47,6 +48,15 @@ def test_a_flood_of_non_finite_messages_is_refused_at_a_limited_rate(
     assert {'command': gate.refused['not_finite'],
             'IMU reading': node._inputs.imu_refused}[what] == FLOOD
     assert node._session.supervisor.torque == 0.0 and gate.accepted == 0
+
+
+def test_old_readings_of_the_own_port_are_refused_without_a_pause(make_node, tmp_path):
+    node = make_node(Bridge, autostart=False, black_box='', port=str(tmp_path / 'nowhere'))
+    start = time.monotonic()
+    for _ in range(FLOOD):
+        node._inputs.imu(StampedReading(start - 1.0, (0.0, 0.0, 0.0), (0.0, 0.0, 9.81), False))
+    assert node._inputs.imu_refused == FLOOD
+    assert time.monotonic() - start < FLOOD * REFUSED_PAUSE
 
 
 def test_a_release_is_too_early_before_the_bridge_has_received_its_own_e_stop(
