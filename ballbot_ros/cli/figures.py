@@ -13,9 +13,10 @@ DEFAULT_FOLDER = Path('ballbot_output/figures')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('names', nargs='*', metavar='NAME',
-                        help='figures to draw (default: all)')
-    parser.add_argument('--list', action='store_true', help='print the names, and draw nothing')
+    asked = parser.add_mutually_exclusive_group()
+    asked.add_argument('names', nargs='*', default=[], metavar='NAME',
+                       help='figures to draw (default: all)')
+    asked.add_argument('--list', action='store_true', help='print the names, and draw nothing')
     add_out(parser, 'figures')
     add_format(parser)
     add_quiet(parser)

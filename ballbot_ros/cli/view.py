@@ -15,12 +15,13 @@ LOOPBACK = '127.0.0.1'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('scene', nargs='?', default='voltage_start', metavar='SCENE',
-                        help='name of a scene ("ballbot scenes" lists them) or of a floor, a YAML '
-                        'file of either, or a bag: its folder or a file ending in .mcap '
-                        '(default: %(default)s)')
-    parser.add_argument('--live', action='store_true',
-                        help='show running nodes instead, a simulator or a bridge; needs ROS')
+    shown = parser.add_mutually_exclusive_group()
+    shown.add_argument('scene', nargs='?', default='voltage_start', metavar='SCENE',
+                       help='name of a scene ("ballbot scenes" lists them) or of a floor, a YAML '
+                       'file of either, or a bag: its folder or a file ending in .mcap '
+                       '(default: %(default)s)')
+    shown.add_argument('--live', action='store_true',
+                       help='show running nodes instead, a simulator or a bridge; needs ROS')
     parser.add_argument('--namespace', default='', metavar='NAME',
                         help='namespace of the robot, among running nodes or in a bag')
     parser.add_argument('--robot', default='', metavar='NAME',

@@ -11,7 +11,8 @@ from ballbot_ros.cli import main
 @pytest.mark.parametrize('words, reason, field', [
     (['--port', '70000'], 'out_of_range', '--port'),
     (['--duration', '0'], 'out_of_range', '--duration'),
-    (['doorstepp'], 'unknown_name', 'scene'), (['--duration', 'inf'], 'not_finite', '--duration')])
+    (['doorstepp'], 'unknown_name', 'scene'), (['--live', 'flat'], 'usage', '--live'),
+    (['flat', '--live'], 'usage', '--live'), (['--duration', 'inf'], 'not_finite', '--duration')])
 def test_a_wrong_value_is_refused(refuses, words, reason, field):
     refuses(reason, field, 'view', *words)
 

@@ -77,6 +77,7 @@ def test_the_command_lists_the_figures(capsys):
     assert main(['figures', '--list']) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(
         paper.FIGURES)
+    assert main(['figures', '--list', 'fig7']) == 2
 
 
 def test_an_unknown_figure_is_refused_with_the_nearest(capsys, tmp_path):
