@@ -86,7 +86,7 @@ def add_out(parser: argparse.ArgumentParser, name: str) -> None:
     add_overwrite(parser)
 
 
-def add_format(parser: argparse.ArgumentParser) -> None:
+def add_format(parser: argparse._ActionsContainer) -> None:
     parser.add_argument('--format', choices=('svg', 'png', 'both'), default='both',
                         help='format of the figures (default: %(default)s)')
 

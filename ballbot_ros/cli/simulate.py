@@ -46,13 +46,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--models', choices=('auto', 'full'),
                         help='auto: adaptive methods compute flights in closed '
                         'form; full: they do not (default: that of the scene)')
-    parser.add_argument('--no-figures', action='store_true', help='write numbers only')
+    pictures = parser.add_mutually_exclusive_group()
+    pictures.add_argument('--no-figures', action='store_true', help='write numbers only')
+    add_format(pictures)
     parser.add_argument('--animate', nargs='?', const=Path(), type=animation_file,
                         metavar='FILE.gif|FILE.mp4', help='write an animation as well (default '
                         'file: animation.gif in the folder)')
     parser.add_argument('--playback', type=float, metavar='FACTOR',
                         help='simulated seconds per second of the animation (default: 1)')
-    add_format(parser)
     parser.add_argument('--json', action='store_true',
                         help='print the summary as JSON only')
     add_quiet(parser)

@@ -65,6 +65,7 @@ def test_a_file_that_is_not_a_curve_is_not_overwritten(tmp_path, refuses):
     (['simulate', 'flat', '--models', 'full', '--method', 'rk4'], 'inconsistent', '--models'),
     (['simulate', 'flat', '--method', 'adaptive', '--step', '1e-3'], 'inconsistent', '--step'),
     (['simulate', 'flat', '--accuracy', '1e-4', '--method', 'paper'], 'inconsistent', '--method'),
+    (['simulate', 'flat', '--no-figures', '--format', 'png'], 'usage', '--format'),
     (['robots', '--urdf'], 'missing', 'NAME'),
     (['outcomes', 'list'], 'missing', 'FILE'),
     (['outcomes', 'list', 'nowhere.db', '--out', 'x.csv'], 'inconsistent', '--out'),
