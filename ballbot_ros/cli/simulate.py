@@ -7,9 +7,11 @@ import shutil
 from time import perf_counter
 from typing import Any, Optional
 
-from ballbot_ros.cli.options import add_format, add_out, add_quiet, refuse_without, warn
+from ballbot_ros.cli.options import (
+    add_format, add_number, add_out, add_quiet, refuse_without, warn)
 from ballbot_ros.cli.output import check_new_file, print_json, result_folder, save_figure, watched
 from ballbot_ros.cli.verb import DONE, FAILED, INTERRUPTED, print_error
+from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
 
 DEFAULT_FOLDER = Path('ballbot_output')
@@ -52,8 +54,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--animate', nargs='?', const=Path(), type=animation_file,
                         metavar='FILE.gif|FILE.mp4', help='write an animation as well (default '
                         'file: animation.gif in the folder)')
-    parser.add_argument('--playback', type=float, metavar='FACTOR',
-                        help='simulated seconds per second of the animation (default: 1)')
+    add_number(parser, '--playback', 'FACTOR', quantity(
+        '1', 'simulated seconds per second of the animation (default: 1)', minimum=0.01,
+        maximum=1000.0, optional=True))
     parser.add_argument('--json', action='store_true',
                         help='print the summary as JSON only')
     add_quiet(parser)

@@ -178,7 +178,7 @@ def test_animate_writes_a_gif_with_the_other_files_or_at_a_given_path(tmp_path, 
     (['--animate', 'film.avi'], 'usage', '--animate'),
     (['--animate', '/dev/null/film.gif'], 'not_writable', '/dev/null/film.gif'),
     (['--animate', '--duration', '100'], 'out_of_range', 'playback'),
-    (['--animate', '--playback', '0'], 'out_of_range', 'playback')])
+    (['--animate', '--playback', '0'], 'out_of_range', '--playback')])
 def test_an_invalid_animation_is_refused_before_the_run(refuses, tmp_path, words, reason, field):
     refuses(reason, field, 'simulate', 'fig7_top', '--out', tmp_path / 'out', *words)
     assert not (tmp_path / 'out').exists()
