@@ -20,7 +20,7 @@ from ballbot_ros.errors import ConfigurationError, PlausibilityWarning
 LAWS = ('free', 'held', 'velocity', 'voltage')
 
 
-def add_number(parser: argparse.ArgumentParser, option: str, metavar: str, declared: Any,
+def add_number(parser: argparse._ActionsContainer, option: str, metavar: str, declared: Any,
                *short: str) -> None:
     """Add a number, declared as in `config.fields`; `command.main` checks its range."""
     default, doc = declared.default, declared.metadata['doc']
@@ -189,11 +189,13 @@ def read_rules(arguments: argparse.Namespace) -> Any:
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
     """Add the workers of a parallel map."""
-    parser.add_argument('--workers', type=int, metavar='N',
-                        help='number of processes on this machine (default: one per core)')
-    parser.add_argument('--dask', metavar='ADDRESS',
-                        help='run on a Dask cluster: address of its scheduler, such as '
-                        'tcp://host:8786')
+    place = parser.add_mutually_exclusive_group()
+    add_number(place, '--workers', 'N', count(
+        'number of processes on this machine (default: one per core)', default=None, minimum=1,
+        maximum=1000))
+    place.add_argument('--dask', metavar='ADDRESS',
+                       help='run on a Dask cluster: address of its scheduler, such as '
+                       'tcp://host:8786')
 
 
 METAVAR = 'VALUES'

@@ -126,13 +126,10 @@ def worker_pool(workers: Optional[int] = None,
 
     By default, there is one local process per core; the address of a Dask scheduler, such as
     ``tcp://host:8786``, selects a cluster instead.  Raises `ConfigurationError` if Dask is not
-    installed, no scheduler answers, or there are no workers.
+    installed, no scheduler answers, or it has no workers.
     """
     if scheduler is None:
         number = (os.cpu_count() or 1) if workers is None else workers
-        if number < 1:
-            raise ConfigurationError(
-                f'--workers must be at least 1, got {number}', 'out_of_range', 'workers')
         pool = ProcessPoolExecutor(
             number, multiprocessing.get_context('fork'), _end_with_parent, (os.getpid(),))
         try:

@@ -256,7 +256,9 @@ def test_an_angle_may_be_in_degrees_with_the_unit_of_its_column():
 
 
 @pytest.mark.parametrize('words, reason, field', [
-    (['--vary', 'speed=1,2', '--workers', '0'], 'out_of_range', 'workers'),
+    (['--vary', 'speed=1,2', '--workers', '0'], 'out_of_range', '--workers'),
+    (['--vary', 'speed=1,2', '--workers', '100000'], 'out_of_range', '--workers'),
+    (['--vary', 'speed=1,2', '--workers', '2', '--dask', 'tcp://a:1'], 'usage', '--dask'),
     (['--vary', 'speed=1,2', '--out', 'x.csv'], 'not_a_choice', '--out'),
     (['--vary', 'sped=1,2'], 'unknown_name', 'sped'),
     (['--vary', 'speed=1', '--vary', 'set_angle=0:90:3'], 'inconsistent', 'set_angle'),
