@@ -46,6 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_new_file(arguments.out, arguments.overwrite, endings=('.parquet',))
     robot = options.read_robot(arguments)
     from ballbot_ros.physics.model.robot import height_warnings
+    from ballbot_ros.results.files import load_arrow
     from ballbot_ros.studies.parallel_map import worker_pool
     from ballbot_ros.studies.sweep import refuse_foreign, run_sweep
     from ballbot_ros.studies.sweep_plan import SweepPlan
@@ -80,6 +81,11 @@ def run(arguments: argparse.Namespace) -> int:
             worker_pool(arguments.workers, arguments.dask) as (pool, number), \
             watched(plan.size, arguments.quiet, 'sweeping', 'cases') as progress:
         found = run_sweep(plan, arguments.out, pool, number, progress)
+    failures = load_arrow().parquet.read_table(
+        arguments.out, columns=['failure'])['failure'].drop_null()
+    if len(failures):
+        options.warn([f'{len(failures)} of {plan.size} cases failed, see the column failure of '
+                      f'{arguments.out}; the first: {failures[0]}'])
     if not arguments.quiet:
         spent = perf_counter() - start
         new = plan.size - found

@@ -85,6 +85,15 @@ def test_a_failed_case_contains_its_reason_and_the_others_continue():
     assert table['failure'][1] is None and table['max_height'][1] > 0.05
 
 
+def test_the_command_warns_of_failed_cases(tmp_path, capsys):
+    words = ['sweep', '--vary', 'speed=0.5', '--workers', '1', '--quiet', '--out']
+    assert main([*words, str(tmp_path / 'a.parquet'), '--vary', 'voltage=0.0,5']) == 0
+    warning, = capsys.readouterr().err.splitlines()
+    assert warning.startswith('Warning: 1 of 2 cases failed') and 'law' in warning
+    assert main([*words, str(tmp_path / 'b.parquet'), '--vary', 'height=0.01']) == 0
+    assert capsys.readouterr().err == ''
+
+
 def test_the_file_contains_all_cases_with_units_and_provenance(tmp_path):
     plan = SweepPlan(GIMBALL, design='sobol', cases=128, ranges=RANGES)
     out = tmp_path / 'sweep.parquet'
