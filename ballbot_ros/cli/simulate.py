@@ -222,12 +222,8 @@ def read_scene(arguments: argparse.Namespace) -> Any:
 
 
 def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
-    """Refuse an option without effect, and an output step longer than the duration."""
+    """Refuse an option without effect."""
     from ballbot_ros.physics.simulation.solver import METHODS
-    if scene.run.output_step > scene.run.duration:
-        raise ConfigurationError(
-            f'--output-step must be at most the duration of {scene.run.duration:g} s, got '
-            f'{scene.run.output_step:g}', 'inconsistent', '--output-step')
     if scene.run.accuracy is not None:
         for name in ('step', 'method', 'tolerance'):
             if getattr(arguments, name) is not None:

@@ -90,6 +90,8 @@ def test_a_scene_runs_with_another_accuracy_and_output_step():
     assert run.scene.run.accuracy == 1e-4 and scene.run.accuracy != 1e-4
     with refused('out_of_range', 'accuracy'):
         scene.simulate(accuracy=10.0)
+    with refused('inconsistent', 'output_step'):
+        scene.simulate(0.5, output_step=1.0)
 
 
 @pytest.mark.parametrize('name, crossed', [('fig7_bottom', True), ('flat', None)])

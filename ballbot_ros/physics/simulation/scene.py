@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any, Callable, Mapping, Optional, Type, Union
 
 from ballbot_ros.config.fields import (
-    Checked, expect_mapping, given_values, Problems, quantity, refuse_missing, section, T, text)
+    build, Checked, expect_mapping, given_values, Problems, quantity, refuse_missing, section, T,
+    text)
 from ballbot_ros.config.files import read_config
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics.model.actuation import Actuation, set_rate_for_speed, SET_VALUES
@@ -55,6 +56,13 @@ class Run(Checked):
     accuracy: Optional[float] = quantity(
         'm', f'largest position error; {ACCURACY:g} if neither this nor a solver is given',
         minimum=SMALLEST, maximum=LARGEST, optional=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.output_step > self.duration:
+            raise ConfigurationError(
+                f'Run: output_step must be at most the duration of {self.duration:g} s, got '
+                f'{self.output_step:g}', 'inconsistent', 'output_step')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,7 +223,8 @@ def read_scene(content: Mapping[str, Any], where: str, name: str) -> Scene:
                 content.get('actuation', {}), robot, f'{where}: actuation')
     problems.refuse()
     assert robot is not None  # else refused
-    return Scene(name, Model(robot, terrain, contact, solver), initial, actuation, Run(**timing))
+    return Scene(name, Model(robot, terrain, contact, solver), initial, actuation,
+                 build(Run, timing, where))
 
 
 def _read_robot(content: Mapping[str, Any], where: str) -> Robot:

@@ -87,7 +87,7 @@ def test_options_replace_values_of_the_scene(tmp_path, capsys):
     (['--duration', '-1'], 'out_of_range', 'duration'),
     (['--duration', 'nan'], 'not_finite', 'duration'),
     (['--step', '3e-4'], 'inconsistent', 'output_step'),
-    (['--duration', '1', '--output-step', '5'], 'inconsistent', '--output-step'),
+    (['--duration', '1', '--output-step', '5'], 'inconsistent', 'output_step'),
     (['--method', 'rk5'], 'not_a_choice', '--method'),
     (['--out', '/dev/null/here'], 'not_writable', '/dev/null/here/summary.txt')])
 def test_an_invalid_value_is_refused(refuses, words, reason, field):
