@@ -310,7 +310,7 @@ def given_values(cls: Type[Checked], entries: Mapping[str, Any], where: str) -> 
     """Return `entries`, each checked; `refuse_missing` finds missing and unknown entries."""
     problems, values = Problems(), {}
     for item in fields(cls):
-        if item.name in entries:
+        if item.name in entries and 'kind' in item.metadata:
             with problems.collected():
                 values[item.name] = check_value(
                     item.name, entries[item.name], item.metadata, where)

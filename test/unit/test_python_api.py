@@ -77,6 +77,7 @@ def test_a_robot_with_other_parameters_is_checked_and_loses_their_provenance():
     for changes, reason, field in (
             ({'ball_mass': -1.0}, 'out_of_range', 'ball_mass'),
             ({'ball_mas': 1.0}, 'unknown_name', 'ball_mas'),
+            ({'provenance': 3}, 'unknown_name', 'provenance'),
             ({'ball_mass': '4'}, 'wrong_type', 'ball_mass'),
             ({'motor': 3.0}, 'wrong_type', 'motor')):
         with refused(reason, field):
