@@ -23,7 +23,8 @@ from ballbot_ros.cli.output import compilation_shown, empty_folders_removed
 from ballbot_ros.cli.verb import (
     DONE, FAILED, INTERRUPTED, MISUSED, Parser, PIPE_CLOSED, print_error)
 from ballbot_ros.config.fields import suggestion
-from ballbot_ros.errors import BallbotError, ConfigurationError, PlausibilityWarning
+from ballbot_ros.errors import (
+    BallbotError, ConfigurationError, PlausibilityWarning, SimulationError)
 
 
 # Verb -> its module (module:name for a `Verb` in it) and its description.
@@ -105,7 +106,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
             return PIPE_CLOSED
         except BallbotError as error:
             print_refusal(error)
-            return MISUSED
+            return FAILED if isinstance(error, SimulationError) else MISUSED
         except MemoryError:
             print_error('not enough memory; use a shorter duration or a larger output_step')
             return FAILED

@@ -90,3 +90,8 @@ def test_an_invalid_option_is_refused(refuses, words, reason, field):
     (['--speed', '3', '--actuation', 'voltage'], 'out_of_range', 'voltage')])
 def test_an_unsuitable_robot_is_refused(refuses, words, reason, field):
     refuses(reason, field, 'max-step-height', *words)
+
+
+def test_a_failed_simulation_is_no_misuse(capsys):
+    assert main(['max-step-height', '--speed', '100', '--scan', '0']) == 1
+    assert 'ballbot: error: simulation stopped' in capsys.readouterr().err
