@@ -36,6 +36,8 @@ def is_bag(path: Path) -> bool:
 
 def unreadable(path: Path, error: BaseException) -> ConfigurationError:
     """Return the error for a bag that cannot be read."""
+    if not path.exists():
+        return ConfigurationError(f'{path}: does not exist', 'unreadable', str(path))
     if path.is_dir() and not is_bag(path):
         return ConfigurationError(
             f'{path}: contains neither metadata.yaml nor a file ending in '
