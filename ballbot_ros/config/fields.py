@@ -117,7 +117,7 @@ def allowed(metadata: Mapping[str, Any]) -> str:
         lows.append(f'at least {metadata["minimum"]:.10g}')
     if metadata['maximum'] < math.inf:
         lows.append(f'at most {metadata["maximum"]:.10g}')
-    return (' and '.join(lows) or 'any finite number') + unit
+    return (' and '.join(lows) or f'any finite number{unit and " in"}') + unit
 
 
 def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) -> Any:
