@@ -92,6 +92,6 @@ def test_an_unsuitable_robot_is_refused(refuses, words, reason, field):
     refuses(reason, field, 'max-step-height', *words)
 
 
-def test_a_failed_simulation_is_no_misuse(capsys):
+def test_a_failed_simulation_has_exit_code_1(capsys):
     assert main(['max-step-height', '--speed', '100', '--scan', '0']) == 1
     assert 'ballbot: error: simulation stopped' in capsys.readouterr().err
