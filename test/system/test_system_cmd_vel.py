@@ -62,6 +62,6 @@ def test_a_slope_that_is_too_steep_is_reported(graph, on_slope):
     command_speed(graph, 0.0, 2.5, moved)
     graph.wait_for_log('controller', 'resistance of a slope of')
     # Without steps, the controller would report missing joint states.
-    graph.wait(lambda: graph.step(2) and 'resistance above' in getattr(
+    graph.wait(lambda: graph.step(2) and 'resistance exceeds' in getattr(
         graph.statuses.get('controller'), 'message', ''), 'the controller reports it')
     assert graph.statuses['controller'].level == diagnostics.WARN

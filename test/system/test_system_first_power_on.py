@@ -127,11 +127,11 @@ class Walk:
         """Turn the shell forward by hand, and back."""
         self.turn_and_verify('shell', -1.0, 0.1)  # clockwise is forward
 
-    def pull_the_plug(self, item):
+    def unplug(self, item):
         """Unplug and plug in again."""
         self.status.clear()
         execute(self.motor, 'unplug')
-        lost, then = re.search(r'says `(\w+)`, then `(\w+)`', item).groups()
+        lost, then = re.search(r'shows `(\w+)`, then `(\w+)`', item).groups()
         self.wait_for_state(lost)
         execute(self.motor, 'plug')
         self.wait_for_state(then)
@@ -257,7 +257,7 @@ STEPS = (
     ('`ballbot calibrate-motor', Walk.calibrate),
     ('Turn the pendulum by hand forward', Walk.start),
     ('Turn the shell by hand forward', Walk.turn_shell),
-    ('Pull the plug', Walk.pull_the_plug),
+    ('Unplug the serial line', Walk.unplug),
     ('Release the e-stop, publish a small torque', Walk.push),
     ('`kill -9`', Walk.kill),
     ('engage the e-stop under torque', Walk.engage))
@@ -283,6 +283,6 @@ def test_the_items_of_the_page_succeed_in_their_order(workshop, graph, monkeypat
             step(walk, item)
     finally:
         walk.close()
-    # The pulled plug was a fault, and is reported.
+    # The interruption of the line was a fault, and is reported.
     code, out = walk.shop.run(f'ballbot replay {graph.processes.log("bridge").parent / "ballbot"}')
     assert code == 0 and 'the line was lost' in out
