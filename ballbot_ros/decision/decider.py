@@ -115,7 +115,7 @@ class Decider:
             self.knowledge, self._plan = knowledge, plan
             self._pilot.follow(knowledge)
             self._fusion.set_steepest(_steepest(knowledge))
-            self._fusion.set_unseen_room(knowledge.tuning.unseen_room)
+            self._fusion.set_tuning(knowledge.tuning)
         return activate
 
     @property

@@ -297,19 +297,20 @@ class ElevationMap:
             * (own - noise)
 
     def _fuse(self, inside: slice, new: Array, new_variance: Array, residual: Array,
-              seen: Flags, outside: Flags) -> None:
+              seen: Flags, contradicted: Flags) -> None:
         """Fuse an aligned scan; replace nodes that are unknown, or contradicted repeatedly."""
         old, variance, strikes = self.height[inside], self.variance[inside], self._strikes[inside]
         known = self.known[inside]
-        strikes[:] = np.where(outside, strikes + 1.0, np.where(seen, 0.0, strikes))
-        fresh = seen & (np.isinf(variance) | outside & ~known | (strikes >= self._forget_after))
-        fused = seen & ~outside & ~fresh
+        strikes[:] = np.where(contradicted, strikes + 1.0, np.where(seen, 0.0, strikes))
+        fresh = seen & np.isinf(variance) | contradicted & (
+            ~known | (strikes >= self._forget_after))
+        fused = seen & ~contradicted & ~fresh
         known |= fused
         faded = np.where(fused, FADING * variance, 0.0)
         gain = faded / (faded + new_variance)
         gain[fresh] = 1.0
         # A contradicting point is not averaged, but increases the variance.
-        variance[:] = np.where(outside, variance + 0.04 * residual**2, variance)
+        variance[:] = np.where(contradicted, variance + 0.04 * residual**2, variance)
         strikes[fresh] = 0.0
         old[:] = np.where(seen, old + gain * np.where(fused, residual, new - old), old)
         variance[:] = np.where(fused, (1.0 - gain) * faded, variance)

@@ -36,9 +36,9 @@ class ProfileTracker:
         """Set the steepest slope on which the ball can be held [rad]."""
         self._terrain.steepest = steepest
 
-    def set_unseen_room(self, room: float) -> None:
-        """Set the length of floor assumed behind the edges that a step sensor detects [m]."""
-        self._steps.unseen_room = room
+    def set_tuning(self, tuning: DecisionTuning) -> None:
+        """Replace the tuning; only the parameters that are not fixed may differ."""
+        self._steps.tuning = tuning
 
     def reset(self) -> None:
         """Discard all estimates, after a jump in time or position; edge numbers continue."""
@@ -124,7 +124,7 @@ class GroundFusion:
         """Start without observations."""
         self._tracker = ProfileTracker(robot, tuning, frame)
         self.set_steepest = self._tracker.set_steepest
-        self.set_unseen_room = self._tracker.set_unseen_room
+        self.set_tuning = self._tracker.set_tuning
         self.reset()
 
     def reset(self) -> None:

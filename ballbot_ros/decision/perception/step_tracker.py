@@ -80,8 +80,7 @@ class StepTracker:
     """
 
     def __init__(self, radius: float, tuning: DecisionTuning, edges: EdgeMap):
-        self._radius, self._tuning, self._edges = radius, tuning, edges
-        self.unseen_room = tuning.unseen_room  # can change, unlike the rest of the tuning
+        self._radius, self.tuning, self._edges = radius, tuning, edges
         self.reset()
 
     def reset(self) -> None:
@@ -111,7 +110,7 @@ class StepTracker:
                                   POSITION_SD_MIN),
                      _combined_sd(observation.height_sd, self._heights.sd, DEFAULT_HEIGHT_SD,
                                   HEIGHT_SD_MIN))
-        edges, sigmas = self._edges, self._tuning.contradiction_sigma
+        edges, sigmas = self._edges, self.tuning.contradiction_sigma
         edge = edges.associate([shown], [
             one for one in edges.edges if one.step is not None
             and not _is_passed(one, position)], self._radius).get(0)
@@ -126,7 +125,7 @@ class StepTracker:
                        f'{1e3 * shown.height:.0f} mm')
             if gap:
                 edge.contradictions += 1
-                if edge.exists.confirmed and edge.contradictions < self._tuning.forget_after:
+                if edge.exists.confirmed and edge.contradictions < self.tuning.forget_after:
                     return Reason.CONTRADICTORY, f'{gap}, more than {sigmas:g} deviations'
                 edge.step = None
                 edge.number = edges.next_number() if other else edge.number
@@ -152,7 +151,7 @@ class StepTracker:
         """Average a detection into an edge."""
         edge.contradictions = 0
         if edge.step is None:
-            edge.step = EdgeEstimate(shown, self._tuning.height_bias(observation.height_sd > 0.0))
+            edge.step = EdgeEstimate(shown, self.tuning.height_bias(observation.height_sd > 0.0))
         else:
             known, trend = edge.step.mean, edge.step.trend
             position, position_sd = _average(
@@ -185,7 +184,7 @@ class StepTracker:
         # The sensor does not observe the ground behind the next edge, which the ball may pass
         # before the next observation.
         self.seen_to = min([seen_to] + [
-            self._edges.face(edge).position + self.unseen_room
+            self._edges.face(edge).position + self.tuning.unseen_room
             for edge in self._edges.edges if edge.step is not None and edge.exists.confirmed])
 
 
