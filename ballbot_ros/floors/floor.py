@@ -7,6 +7,7 @@ floor file.  Coordinates are those of the frame ``map`` [m].
 """
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 import math
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple, TypeVar, Union
@@ -78,6 +79,11 @@ class Feature(Checked):
                         'inconsistent', field)
                 else:
                     object.__setattr__(self, field, ())
+        with problems.collected():
+            if self.polygon and _intersects_itself(self.segments):
+                raise ConfigurationError(
+                    f'polygon must not intersect itself, got {self.polygon}; list its corners in '
+                    'the order of the outline', 'inconsistent', 'polygon')
         with problems.collected():
             if self.kind == 'ramp' and self.line and self.line[0] == self.line[-1]:
                 raise ConfigurationError(
@@ -500,6 +506,16 @@ def _points(given: Any, field: str, least: int) -> Tuple[Point, ...]:
             f'{field} must be at least {least} different points [x, y] of finite numbers in m, '
             f'got {given!r}', 'wrong_type', field)
     return tuple((float(x), float(y)) for x, y in given)
+
+
+def _intersects_itself(outline: Sequence[Tuple[Point, Point]]) -> bool:
+    """Return whether two segments of an outline cross each other."""
+    def side(line: Tuple[Point, Point], point: Point) -> float:
+        (x0, y0), (x1, y1) = line
+        return (x1 - x0) * (point[1] - y0) - (y1 - y0) * (point[0] - x0)
+    return any(
+        side(one, two[0]) * side(one, two[1]) < 0.0 > side(two, one[0]) * side(two, one[1])
+        for one, two in combinations(outline, 2))
 
 
 def _check_size(rows: int, columns: int, where: str) -> None:

@@ -52,12 +52,14 @@ class NavigationServers:
                 f'the pose must be in the frame {frame!r}, got {message.header.frame_id!r}',
                 'wrong_frame', 'header.frame_id')
         at, turn = message.pose.position, message.pose.orientation
-        if not all(math.isfinite(item) for item in (
-                at.x, at.y, turn.x, turn.y, turn.z, turn.w)):
-            raise RefusedError('the pose must be finite', 'not_finite', 'pose')
-        if not any((turn.x, turn.y, turn.z, turn.w)):
-            return at.x, at.y
-        return at.x, at.y, heading_of(turn)
+        goal: Tuple[float, ...] = (at.x, at.y)
+        if any((turn.x, turn.y, turn.z, turn.w)):
+            goal = (at.x, at.y, heading_of(turn))
+        if not all(map(math.isfinite, goal)):
+            raise RefusedError(
+                'the position must be finite, and the quaternion of length 1, or 0 for any '
+                f'heading, got {goal}', 'not_finite', 'pose')
+        return goal
 
     def _ready(self) -> None:
         node = self._node

@@ -38,7 +38,7 @@ from ballbot_ros.ros.run import run
 
 PERIOD = 0.02  # shortest time between two commands [s]
 LATEST_SCAN = 0.5  # maximum age of a scan [s]
-SILENCE = 10  # timeout of odometry during a goal [s of wall time]
+SILENCE = 10  # timeout of odometry during a goal [s of wall time], unless time is paused
 
 
 class NavigatorNode(ManagedNode):
@@ -71,7 +71,7 @@ class NavigatorNode(ManagedNode):
         self._faces: Optional[Tuple[Tuple[float, float], ...]] = None
         self._traveled = 0.0
         self._last: Optional[Odometry] = None
-        self._silent = 0  # calls of `_watch` since the last odometry
+        self._silent, self._watched = 0, self.get_clock().now()  # see `_watch`
         self._kept: Optional[Learned] = None
         self._published: Optional[Route] = None
         self.localization = Localization(self, self._settings)
@@ -148,7 +148,9 @@ class NavigatorNode(ManagedNode):
 
     def _watch(self) -> None:
         """End the goal when odometry stops; called every second, except while planning."""
-        self._silent += 1
+        last, self._watched = self._watched, self.get_clock().now()
+        # A paused simulator publishes neither odometry nor the time.
+        self._silent += self._watched != last or not self.count_publishers('odom')
         if self._silent > SILENCE:
             self.abort('missing', f'no odometry received for {SILENCE} s')
 

@@ -112,9 +112,19 @@ features:
      '  - {kind: step, line: [[1, 1], [2, 1]], height: .nan}', ('not_finite', 'height')),
     ('walls: {size: [4, 4], lines: []}\nfeatures:\n'
      '  - {kind: step, line: [[1, 1], [1, 1]], height: 0.02}', ('wrong_type', 'line')),
+    ('walls: {size: [4, 4], lines: []}\nfeatures:\n  - {kind: keep_out, '
+     'polygon: [[1, 1], [2, 2], [2, 1], [1, 2]]}', ('inconsistent', 'polygon')),
     ('robot: gimball\nterrain: []\nduration: 3', ('wrong_kind', 'floor'))])
 def test_a_floor_that_contradicts_itself_is_refused(text, refusal, tmp_path):
     assert refusal in refusals(tmp_path / 'f.yaml', text)
+
+
+@pytest.mark.parametrize('corners', [
+    [[0, 0], [3, 0], [3, 2], [2, 2], [2, 1], [1, 1], [1, 2], [0, 2]],
+    [[0, 0], [1, 0], [1, 1], [0, 0]], [[0, 0], [2, 0], [1, 0], [1, 1]]],
+    ids=['two edges on one line', 'closed', 'returning edge'])
+def test_an_outline_that_touches_itself_is_accepted(corners):
+    assert len(Feature(kind='keep_out', polygon=corners).polygon) == len(corners)
 
 
 def test_the_label_of_stairs_without_a_height_states_none():

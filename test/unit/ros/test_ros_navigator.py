@@ -6,12 +6,13 @@ import time
 from geometry_msgs.msg import Quaternion
 from navigator_graph import Graph, START
 import pytest
+from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.navigation.execution import NavStatus
-from ballbot_ros.nodes.navigator.goals import ComputePathToPose
+from ballbot_ros.nodes.navigator.goals import ComputePathToPose, NavigateToPose
 from ballbot_ros.nodes.navigator.outputs import stamped_pose
 from ballbot_ros.ros.conversions import to_time
 
@@ -39,6 +40,10 @@ def test_a_goal_is_reached_with_feedback_and_a_plan(graph):
 def test_refused_goals_name_their_reason(graph):
     for goal in ((0.05, 3.0), (99.0, 0.0), (math.nan, 0.0)):
         assert not graph.send(*goal).accepted
+    for turn in (Quaternion(z=1e300, w=1e300), Quaternion(w=math.inf)):
+        request = NavigateToPose.Goal(pose=stamped_pose('map', to_time(0.0), 2.6, 1.4, 0.0))
+        request.pose.pose.orientation = turn
+        assert not graph.wait(graph.navigate.send_goal_async(request)).accepted
     assert not graph.send(2.6, 1.4, frame='odom').accepted
     request = ComputePathToPose.Goal(goal=stamped_pose('map', to_time(0.0), 0.05, 3.0, 0.0))
     handle = graph.wait(graph.compute.send_goal_async(request))
@@ -109,13 +114,21 @@ def test_shutdown_ends_a_goal_and_further_goals_are_refused(graph):
     assert not graph.send(2.6, 1.4).accepted
 
 
-def test_a_goal_ends_when_odometry_stops(graph, monkeypatch):
+@pytest.mark.parametrize('paused', [False, True])
+def test_a_goal_ends_when_odometry_stops_unless_time_is_paused(graph, monkeypatch, paused):
     monkeypatch.setattr('ballbot_ros.nodes.navigator.node.SILENCE', 1)
+    graph.node.set_parameters([Parameter('use_sim_time', value=paused)])  # nothing publishes it
     result = graph.send(2.6, 1.4).get_result_async()
-    end = time.monotonic() + 20.0
-    while not result.done() and time.monotonic() < end:
-        graph.executor.spin_once(timeout_sec=0.1)
-    assert result.done() and result.result().result.error_msg.startswith('missing')
+
+    def ends(seconds):
+        end = time.monotonic() + seconds
+        while not result.done() and time.monotonic() < end:
+            graph.executor.spin_once(timeout_sec=0.1)
+        return result.done()
+    if paused:
+        assert not ends(4.0)
+        graph.client.destroy_publisher(graph.odometry)  # the simulator has ended
+    assert ends(20.0) and result.result().result.error_msg.startswith('missing')
 
 
 @pytest.mark.parametrize('graph', [{'floor': 'no_such_floor'}], indirect=True)
