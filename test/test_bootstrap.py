@@ -5,6 +5,7 @@ import importlib
 from pathlib import Path
 import re
 import sys
+import sysconfig
 import threading
 
 import pytest
@@ -118,6 +119,30 @@ def test_the_settings_of_pip_are_read_and_its_environment_comes_first(host, monk
     settings = bootstrap.pip_settings()
     assert settings['index-url'] == 'https://a/simple'
     assert settings['extra-index-url'].split() == ['https://b', 'https://c']
+
+
+def test_the_accelerated_parser_of_interfaces_returns_the_same_trees(host):
+    rosidl_parser, lark = (pytest.importorskip(name) for name in ('rosidl_parser', 'lark'))
+    earley = lalr = Path(rosidl_parser.__file__).with_name('grammar.lark').read_text()
+    for old, new in importlib.import_module('bootstrap').LALR_GRAMMAR:
+        assert (old in earley) != (new in earley.replace(old, ''))
+        earley = earley if old in earley else earley.replace(new, old)
+        lalr = lalr.replace(old, new)
+
+    def plain(item):
+        if isinstance(item, str):
+            return str(item)
+        children = [plain(child) for child in item.children]
+        return item.data, ''.join(children) if item.data == 'decimal_literal' else children
+
+    def trees(grammar, **options):
+        parser = lark.Lark(grammar, start='specification', maybe_placeholders=False, **options)
+        return [plain(parser.parse(path.read_text())) for path in paths]
+    share = Path(sysconfig.get_path('data')) / 'share'
+    paths = [share / name for name in (
+        'ballbot_ros/msg/StepDecision.idl', 'ballbot_ros/action/CrossStep.idl',
+        'ballbot_ros/srv/Step.idl', 'tf2_msgs/msg/TFMessage.idl')]
+    assert trees(earley) == trees(lalr, parser='lalr')
 
 
 def test_a_package_has_one_pin_in_all_groups_and_each_required_one_has_a_pin():
