@@ -96,8 +96,7 @@ def _cache_folder() -> str:
         folder.touch()
         if not os.access(folder, os.W_OK):
             raise PermissionError(f'{folder} is not writable')
-        folders = (path for path in base.iterdir() if path.is_dir())
-        for old in sorted(folders, key=os.path.getmtime)[:-KEPT_CACHES]:
+        for old in sorted(base.glob(16 * '[0-9a-f]'), key=os.path.getmtime)[:-KEPT_CACHES]:
             shutil.rmtree(old, ignore_errors=True)
     except OSError:
         # Without a writable home folder, every run compiles but does not fail.

@@ -137,3 +137,15 @@ def test_machine_code_is_found_without_hashing_the_types_of_a_kernel():
     assert jit.direct(kernel) == 'code' and types.hashes == before
     kernel.overloads[Types()] = Machine
     assert jit.direct(kernel) is kernel
+
+
+@needs_numba
+def test_only_old_caches_of_machine_code_are_removed(tmp_path, monkeypatch):
+    base = tmp_path / 'ballbot_ros'
+    for age, name in enumerate(['capability', *(16 * digit for digit in '0123456')]):
+        (base / name).mkdir(parents=True)
+        os.utime(base / name, (age, age))
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    own = os.path.basename(jit._cache_folder())
+    assert {path.name for path in base.iterdir() if path.is_dir()} == {
+        'capability', own, *(16 * digit for digit in '456')}
