@@ -5,7 +5,7 @@ from typing import Iterator
 
 import numpy as np
 
-from ballbot_ros.physics.simulation.solver import Integrator, METHODS
+from ballbot_ros.physics.simulation.solver import Integrator
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.physics.solvers.values import FINISHED, Output, Status
 
@@ -22,8 +22,7 @@ def resolved(run: Trajectory) -> Iterator[Trajectory]:
     """
     gap = run.scene.run.output_step if run.scene is not None else 0.0
     solver = run.model.solver_in_use
-    parts = round(gap / solver.step) if METHODS[solver.method].fixed else math.ceil(
-        gap / EVENT_STEP - 1e-9)
+    parts = round(gap / solver.step) if solver.fixed else math.ceil(gap / EVENT_STEP - 1e-9)
     if gap <= EVENT_STEP * (1.0 + 1e-9) or len(run) < 2 or not np.isfinite(run.rows).all():
         yield run
         return

@@ -12,7 +12,6 @@ from ballbot_ros.physics.model.robot import (
     angle_warnings, height_warnings, implausible, speed_warnings)
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.scene import Scene
-from ballbot_ros.physics.simulation.solver import METHODS
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.results.faces import FaceMeeting, rising_faces, watch_faces
 from ballbot_ros.results.resolved import resolved
@@ -192,13 +191,10 @@ def find_warnings(trajectory: Trajectory, expected: int, residual: Optional[floa
     robot, solver = model.robot, model.solver_in_use
     if trajectory.scene is not None:
         yield from scene_warnings(trajectory.scene)
-    finer = (f'a smaller step than {solver.step:g} s' if METHODS[solver.method].fixed
-             else f'a smaller tolerance than {solver.tolerance:g} m')
-    if assured is not None:
-        finer = 'a smaller accuracy'
-        if not assured.complete:
-            yield (f'the motion is chaotic: the accuracy of {assured.accuracy:g} m holds up to '
-                   f'{assured.horizon:.4g} s, and no tolerance extends this time')
+    finer = solver.finer if assured is None else 'a smaller accuracy'
+    if assured is not None and not assured.complete:
+        yield (f'the motion is chaotic: the accuracy of {assured.accuracy:g} m holds up to '
+               f'{assured.horizon:.4g} s, and no tolerance extends this time')
     if len(trajectory) < expected:
         yield (f'the run ended early: {len(trajectory)} of {expected} samples, up to '
                f'{trajectory["time"][-1]:g} s')

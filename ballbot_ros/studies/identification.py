@@ -30,7 +30,7 @@ from ballbot_ros.physics import Scene
 from ballbot_ros.physics.model.robot import described, MOTOR, ROBOT, with_parameters
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.scene import Initial
-from ballbot_ros.physics.simulation.solver import METHODS, Solver
+from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.results.units import CONVERSIONS
 from ballbot_ros.studies.progress import ignore
 from ballbot_ros.studies.recording import CHANNELS, GRID, Recording, replay, SOLVER
@@ -326,7 +326,7 @@ class _Search:
         # An accuracy selects another solver for each run.
         own = self.scene.model.solver_in_use if self.scene.run.accuracy is None else None
         if not self.use_torque and own is not None:
-            step = own.step if METHODS[own.method].fixed else GRID
+            step = own.step if own.fixed else GRID
             try:
                 others.append(self.simulated(shift, own, step * math.ceil(GRID / step - 1e-9)))
             except BallbotError:

@@ -15,7 +15,7 @@ from ballbot_ros.physics.model.robot import ContactOptions, load_robot, Paramete
 from ballbot_ros.physics.model.state import Energies, State, Touch
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, Terrain, VERTEX_X
 from ballbot_ros.physics.simulation.solver import (
-    check_work, failure, Integrator, Ledger, LEDGER_BOUND, METHODS, out_of_balance, Solver)
+    check_work, failure, Integrator, Ledger, LEDGER_BOUND, out_of_balance, Solver)
 from ballbot_ros.physics.solvers.values import FINISHED, Status
 
 # Static penetration, relative to the radius, at the stiffness that a refusal suggests.  At a
@@ -164,7 +164,7 @@ class Model:
         if state.time != 0.0:
             return
         solver, apart = self.solver_in_use, math.ulp(max(abs(state.x), abs(state.y)))
-        if apart > solver.tolerance and not METHODS[solver.method].fixed:
+        if apart > solver.tolerance and not solver.fixed:
             warnings.warn(
                 f'positions near x = {state.x:.3g} m, y = {state.y:.3g} m are rounded to '
                 f'{apart:.1g} m, more than the tolerance of {solver.tolerance:.1g} m: move ground '
@@ -200,8 +200,8 @@ class Model:
 
         """
         solver = self.solver_in_use
-        vector, fixed = np.array(state[1:]), METHODS[solver.method].fixed
-        if fixed:
+        vector = np.array(state[1:])
+        if solver.fixed:
             check_work(solver, steps)
             ledger = Ledger(self.parameters, self.profile, vector)
         status = self._integrator.advance(
@@ -209,7 +209,7 @@ class Model:
             state.time + steps * solver.step)
         if status.outcome != FINISHED:
             raise failure(status.outcome, status.time, vector, solver)
-        if fixed:
+        if solver.fixed:
             # Other methods control their error themselves.
             missing, _ = ledger.missing(vector[None])
             if missing > LEDGER_BOUND:

@@ -28,8 +28,8 @@ from ballbot_ros.physics.model.state import SIZE, State, X, Y
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.physics.simulation.solver import (
-    ACCURACY, check_work, failure, Integrator, LARGEST, Ledger, LEDGER_BOUND, METHODS,
-    out_of_balance, OutOfBalance, SMALLEST, Solver)
+    ACCURACY, check_work, failure, Integrator, LARGEST, Ledger, LEDGER_BOUND, out_of_balance,
+    OutOfBalance, SMALLEST, Solver)
 from ballbot_ros.physics.simulation.trajectory import Assurance, Effort, Trajectory
 from ballbot_ros.physics.solvers.controller import MEMORY
 from ballbot_ros.physics.solvers.values import FINISHED, Output, PAUSED, Status
@@ -123,7 +123,7 @@ def simulate(model: Model, start: State, actuation: Actuation, duration: float,
         tried = error.trajectory.effort if error.trajectory else Effort()
         run = replace(calm, model=model, effort=Effort(*map(sum, zip(tried, calm.effort))))
     complete = len(run) > output_steps(duration, output_step)
-    if METHODS[model.solver.method].fixed and complete:
+    if model.solver.fixed and complete:
         check_steps(run, actuation, duration, output_step)
     return run
 
@@ -157,9 +157,9 @@ def run_once(model: Model, start: State, actuation: Actuation, duration: float,
         raise ConfigurationError(f'duration must be above 0 s and finite, got {duration!r}',
                                  'out_of_range', 'duration')
     solver = model.solver_in_use
-    method, count = METHODS[solver.method], output_steps(duration, output_step)
+    count = output_steps(duration, output_step)
     tick, every = output_step, 1
-    if method.fixed:
+    if solver.fixed:
         tick, every = solver.step, steps_in(output_step, solver.step, 'output_step')
         check_work(solver, count * every)
     actuator = actuation.actuator(model.robot, start.time, start.joint_angle)
@@ -356,8 +356,7 @@ def check_steps(run: Trajectory, actuation: Actuation, duration: float,
 
 def _shorter(step: float) -> str:
     """Return the advice to use a step that is likely to be short enough."""
-    return (f'use a smaller step than {step:g} s (solver), for instance '
-            f'{0.05 * step:g} s')
+    return f'use a smaller step than {step:g} s (solver), for instance {0.05 * step:g} s'
 
 
 def _apart(run: Trajectory, other: Trajectory) -> Array:

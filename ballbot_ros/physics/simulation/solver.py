@@ -17,7 +17,7 @@ from ballbot_ros.physics.mechanics.contact import contact_table
 from ballbot_ros.physics.mechanics.equations import energies
 from ballbot_ros.physics.model.actuation import Actuator
 from ballbot_ros.physics.model.robot import Parameters
-from ballbot_ros.physics.model.state import CONTACT_LOSS, JOINT_LOSS, MOTOR_WORK, X
+from ballbot_ros.physics.model.state import CONTACT_LOSS, JOINT_LOSS, MOTOR_WORK, State, X
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import integrate, rk4, semi_implicit, trapezoidal
 from ballbot_ros.physics.solvers.controller import STEP_METHODS
@@ -87,6 +87,17 @@ class Solver(Checked):
         'function evaluations after which a run is aborted; the default takes some minutes',
         default=10_000_000_000, minimum=1, maximum=10**15)
 
+    @property
+    def fixed(self) -> bool:
+        """Return whether the method takes fixed steps."""
+        return METHODS[self.method].fixed
+
+    @property
+    def finer(self) -> str:
+        """Return the advice for a more accurate run, ``a smaller step than 0.001 s``."""
+        return (f'a smaller step than {self.step:g} s' if self.fixed
+                else f'a smaller tolerance than {self.tolerance:g} m')
+
 
 # Solvers with a name; `paper` is table 1 of the paper.
 PRESETS = {'paper': Solver('trapezoidal', step=1e-3, tolerance=1e-9)}
@@ -147,10 +158,6 @@ class Integrator:
 # is a millionth; beyond the stability limit it soon exceeds 1.
 LEDGER_BOUND = 0.05
 ENERGY_ROUNDING = 1e-9  # of energies that cancel
-
-NAMES = ('ball_angle', 'pendulum_angle', 'x', 'y', 'ball_rate', 'pendulum_rate', 'velocity_x',
-         'velocity_y', 'contact_loss', 'friction_loss', 'rolling_loss', 'joint_loss',
-         'motor_work')
 
 
 @compiled
@@ -227,13 +234,11 @@ class OutOfBalance(SimulationError):
 
 def out_of_balance(time: float, missing: float, solver: Solver) -> OutOfBalance:
     """Return the error of a run whose energy ledger does not close."""
-    remedy = (f'use a smaller step than {solver.step:g} s (solver), the adaptive method,'
-              if METHODS[solver.method].fixed else
-              f'use a smaller tolerance than {solver.tolerance:g} m')
     return OutOfBalance(
         time, f'the energy balance error is {100.0 * missing:.3g} % of the reference energy',
-        f'{remedy} or softer gains, a softer contact_stiffness or a larger slip_threshold',
-        'unbalanced', 'step' if METHODS[solver.method].fixed else 'tolerance')
+        f'use {solver.finer}{" (solver), the adaptive method," if solver.fixed else ""} or softer '
+        'gains, a softer contact_stiffness or a larger slip_threshold',
+        'unbalanced', 'step' if solver.fixed else 'tolerance')
 
 
 def check_work(solver: Solver, steps: int) -> None:
@@ -248,9 +253,7 @@ def check_work(solver: Solver, steps: int) -> None:
 
 def failure(outcome: int, time: float, vector: Array, solver: Solver) -> SimulationError:
     """Return the error that explains how a run ended."""
-    shorter = f'use a smaller step than {solver.step:g} s (solver), the adaptive method, or '
-    if not METHODS[solver.method].fixed:
-        shorter = f'use a smaller tolerance than {solver.tolerance:g} m (solver), or '
+    shorter = f'use {solver.finer} (solver), {"the adaptive method, " if solver.fixed else ""}or '
     if outcome == PENETRATED:
         return SimulationError(
             time, f'the centre of the ball is under the ground at x = {vector[X]:.4g} m',
@@ -268,7 +271,7 @@ def failure(outcome: int, time: float, vector: Array, solver: Solver) -> Simulat
             f'above {solver.tolerance:g} m, or use a larger slip_threshold, softer gains '
             'or a softer contact_stiffness; where the ball sinks in deep, raise '
             'contact_stiffness instead', 'over_budget', 'work_budget')
-    names = [name for name, value in zip(NAMES, vector) if not math.isfinite(value)]
+    names = [name for name, value in zip(State._fields[1:], vector) if not math.isfinite(value)]
     return SimulationError(
         time, f'{" and ".join(names) or "the state"} stopped being finite',
         f'{shorter}softer gains', 'not_finite', names[0] if names else '')
