@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes and their files: robot, terrain, initial state, actuation and duration."""
 from dataclasses import dataclass, replace
+from functools import partial
 import math
 from pathlib import Path
 from typing import Any, Callable, Mapping, Optional, Type, Union
 
 from ballbot_ros.config.fields import (
-    build, Checked, expect_mapping, given_values, Problems, quantity, refuse_missing, section, T,
-    text)
+    build, check_value, Checked, expect_mapping, given_values, Problems, quantity, refuse_missing,
+    section, T, text)
 from ballbot_ros.config.files import read_config
 from ballbot_ros.errors import ConfigurationError, SimulationError
 from ballbot_ros.physics.model.actuation import Actuation, set_rate_for_speed, SET_VALUES
@@ -267,20 +268,15 @@ def _read_actuation(section: Any, robot: Robot, where: str) -> Actuation:
             f'{where}: set_angle is not accepted here; give set_angle_deg', 'unknown_name',
             'set_angle')
     human = {'set_angle_deg': ('set_angle', math.radians),
-             'set_speed': ('set_rate', lambda speed: set_rate_for_speed(robot, speed))}
+             'set_speed': ('set_rate', partial(set_rate_for_speed, robot))}
     for name, (target, convert) in human.items():
         if name not in entries:
             continue
         if target in entries:
             raise ConfigurationError(
                 f'{where}: give either {name} or {target}, not both', 'inconsistent', name)
-        value = entries.pop(name)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) \
-                or not math.isfinite(value):
-            raise ConfigurationError(
-                f'{where}: {name} must be a finite number '
-                f'[{HUMAN[name].metadata["unit"]}], got {value!r}', 'wrong_type', name)
-        entries[target] = convert(value)
+        entries[target] = convert(
+            check_value(name, entries.pop(name), HUMAN[name].metadata, where))
     for name, law in SET_VALUES.items():
         if name in entries and entries.get('law', 'free') != law:
             raise ConfigurationError(

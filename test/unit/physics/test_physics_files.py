@@ -158,6 +158,8 @@ def test_files_without_a_valid_mapping_are_refused(tmp_path, load, text, words):
      ['actuation', 'set_angle_deg']),
     ('law: voltage, voltage: 5.0', 'law: position, set_angle_deg: level',
      ['actuation', 'set_angle_deg', 'deg', "'level'"]),
+    ('law: voltage, voltage: 5.0', 'law: position, set_angle_deg: .nan',
+     ['actuation', 'set_angle_deg', 'any finite number in deg', 'nan']),
     ('law: voltage, voltage: 5.0', 'law: velocity, set_speed: 1.0, set_rate: 4.0',
      ['actuation', 'set_speed', 'set_rate', 'not both']),
     ('law: voltage, voltage: 5.0', 'law: velocity, velocity_kp: -1',
