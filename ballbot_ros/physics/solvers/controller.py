@@ -27,7 +27,6 @@ LONG_STEP_GROWTH = 1.5       # growth limit of longer steps: does not skip a lat
 LARGEST_DISTANCE = 0.25  # radii per step, more on empty ground: does not skip a feature
 UNLIMITED_DISTANCE = 1e6               # radii per step on an infinite floor
 
-CONTACT_STEP = 1.0      # first step after an event, relative to the contact duration over 2 pi
 REPEATED = 0.9          # additional safety factor of a step that was rejected
 SAFETY = 0.9            # relative to the step that would just be accurate enough
 FASTEST_GROWTH, FASTEST_SHRINKING = 5.0, 0.1  # of a step
@@ -61,7 +60,7 @@ def error_length(errors: Array, parameters: Parameters) -> float:
     Angles are multiplied by the radius; velocities by the contact duration, in which an error of
     velocity becomes one of position, but at least by `MEMORY`.
     """
-    duration = max(MEMORY, math.sqrt(parameters.mass / parameters.stiffness))
+    duration = max(MEMORY, contact_step(parameters))
     worst, total = 0.0, 0.0
     for i in range(VELOCITY_Y + 1):
         length = abs(errors[i]) * (duration if i >= BALL_RATE else 1.0)
@@ -153,8 +152,8 @@ def started(controller: StepController, count: int, method: int,
 
 @compiled
 def contact_step(parameters: Parameters) -> float:
-    """Return the first step of a contact [s]."""
-    return CONTACT_STEP * math.sqrt(parameters.mass / parameters.stiffness)
+    """Return the first step of a contact, its duration over 2 pi [s]."""
+    return math.sqrt(parameters.mass / parameters.stiffness)
 
 
 @compiled
@@ -227,14 +226,6 @@ def unavoidable(used: float, smallest: float, number: int, error: float) -> bool
 
 
 @compiled
-def growth(error: float, tolerance: float) -> float:
-    """Return the growth factor of the step after an error."""
-    if error == 0.0:
-        return FASTEST_GROWTH
-    return min(FASTEST_GROWTH, SAFETY * fifth_root(tolerance / error))
-
-
-@compiled
 def next_step(now: StepController, used: float, grow: float) -> float:
     """Return the step to try after one that was accepted [s]."""
     # A step shortened by the end, or by the limit, contains little information about the next one.
@@ -262,7 +253,9 @@ def accepted(now: StepController, used: float, error: float, number: int, stiffn
         Whether a longer step was rejected before.
 
     """
-    grow = growth(error, options.tolerance)
+    grow = FASTEST_GROWTH
+    if error > 0.0:
+        grow = min(grow, SAFETY * fifth_root(options.tolerance / error))
     if again:
         grow = min(grow, 1.0)
     elif not (DAMPS[number] or stiffness <= STEADY / FASTEST_GROWTH):
