@@ -436,15 +436,13 @@ def find_contacts(x: float, y: float, radius: float, ground: Array, contacts: Ar
         See `contact_table`; rows are overwritten, from left to right.
 
     """
-    count = corners = 0
+    count = 0
     first, behind = features_within(x, radius, ground)
     for feature in range(first, behind):
         if touches(feature, feature_guard(feature, x, y, radius, ground), ground):
             write_contact(contacts, count, feature, x, y, radius, ground)
             count += 1
-            corners += int(feature & 1 == 1 and ground[(feature >> 1) + 1, TURN] > 0.0)
-    if corners > 0:
-        share_friction(contacts, count)
+    share_friction(contacts, count)
     return count
 
 

@@ -77,13 +77,10 @@ def smooth_contacts(mode: ContactMode) -> bool:
 @compiled
 def write_contacts(state: Array, system: System, mode: ContactMode) -> None:
     """Write the contacts of a mode at a state into its table, whether they touch or not."""
-    corners = False
     for row in range(contact_count(mode)):
         write_contact(mode.contacts, row, mode.signs[row, FEATURE], state[X], state[Y],
                       system.parameters.radius, system.ground)
-        corners = corners or mode.contacts[row, KIND] == CORNER
-    if corners:
-        share_friction(mode.contacts, contact_count(mode))
+    share_friction(mode.contacts, contact_count(mode))
 
 
 @compiled
