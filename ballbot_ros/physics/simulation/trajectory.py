@@ -35,50 +35,35 @@ UNITS: Mapping[str, str] = {
 }
 
 
-class Derived(NamedTuple):
-    """The columns that are computed from a state."""
-
-    kinetic_energy: float
-    potential_energy: float
-    contact_energy: float
-    surface_normal_force: float
-    surface_friction_force: float
-    edge_normal_force: float
-    edge_friction_force: float
-    contact_force_x: float
-    contact_force_y: float
-    penetration: float
-    slip_velocity: float
-
-
-@compiled
-def derived(state: Array, parameters: Parameters, ground: Array, contacts: Array) -> Derived:
-    """Return the columns that are computed from a state; `contacts` is a work array."""
-    kinetic, potential, stored = energies(state, parameters, ground, contacts)
-    surface_normal = surface_friction = edge_normal = edge_friction = 0.0
-    force_x = force_y = penetration = slip_velocity = 0.0
-    for item in range(find_contacts(state[X], state[Y], parameters.radius, ground, contacts)):
-        normal, friction, slip = contact_force(state, parameters, contacts, item)
-        if contacts[item, KIND] == EDGE:
-            edge_normal += normal
-            edge_friction += friction
-        else:
-            surface_normal += normal
-            surface_friction += friction
-        force_x += normal * contacts[item, NORMAL_X] + friction * contacts[item, NORMAL_Y]
-        force_y += normal * contacts[item, NORMAL_Y] - friction * contacts[item, NORMAL_X]
-        if contacts[item, KIND] != CORNER and contacts[item, PENETRATION] > penetration:
-            penetration, slip_velocity = contacts[item, PENETRATION], slip
-    return Derived(kinetic, potential, stored, surface_normal, surface_friction, edge_normal,
-                   edge_friction, force_x, force_y, penetration, slip_velocity)
+# The columns that are computed from a state.
+DERIVED = ('kinetic_energy', 'potential_energy', 'contact_energy', 'surface_normal_force',
+           'surface_friction_force', 'edge_normal_force', 'edge_friction_force',
+           'contact_force_x', 'contact_force_y', 'penetration', 'slip_velocity')
 
 
 @compiled
 def write_derived(states: Array, parameters: Parameters, ground: Array, contacts: Array,
                   out: Array) -> None:
-    """Fill `out`, one row per state, with the fields of `Derived`."""
+    """Fill `out`, one row per state, with the columns `DERIVED`; `contacts` is a work array."""
     for row in range(len(states)):
-        found = derived(states[row], parameters, ground, contacts)
+        state = states[row]
+        kinetic, potential, stored = energies(state, parameters, ground, contacts)
+        surface_normal = surface_friction = edge_normal = edge_friction = 0.0
+        force_x = force_y = penetration = slip_velocity = 0.0
+        for item in range(find_contacts(state[X], state[Y], parameters.radius, ground, contacts)):
+            normal, friction, slip = contact_force(state, parameters, contacts, item)
+            if contacts[item, KIND] == EDGE:
+                edge_normal += normal
+                edge_friction += friction
+            else:
+                surface_normal += normal
+                surface_friction += friction
+            force_x += normal * contacts[item, NORMAL_X] + friction * contacts[item, NORMAL_Y]
+            force_y += normal * contacts[item, NORMAL_Y] - friction * contacts[item, NORMAL_X]
+            if contacts[item, KIND] != CORNER and contacts[item, PENETRATION] > penetration:
+                penetration, slip_velocity = contacts[item, PENETRATION], slip
+        found = (kinetic, potential, stored, surface_normal, surface_friction, edge_normal,
+                 edge_friction, force_x, force_y, penetration, slip_velocity)
         # Element by element: the length check of a tuple assignment takes long to compile.
         for column in range(len(found)):
             out[row, column] = found[column]
@@ -269,14 +254,13 @@ class Trajectory:
     @cached_property
     def columns(self) -> dict[str, Array]:
         """Return all columns by name; their units are in `UNITS`."""
-        found = {name: self.rows[:, index] for index, name in enumerate(State._fields)}
-        found['pendulum_torque'] = self.rows[:, -1]
-        table = np.empty((len(self.rows), len(Derived._fields)))
+        table = np.empty((len(self.rows), len(DERIVED)))
         # Contiguous and writable: the type for which the solvers are compiled.
         states = np.ascontiguousarray(self.rows[:, 1:1 + SIZE])
         write_derived(states, self.model.parameters, self.model.profile,
                       contact_table(len(self.model.profile)), table)
-        found.update(zip(Derived._fields, _read_only(table).T))
+        found = dict(zip((*State._fields, 'pendulum_torque', *DERIVED),
+                         (*self.rows.T, *_read_only(table).T)))
         return {name: found[name] for name in UNITS}
 
     @property
