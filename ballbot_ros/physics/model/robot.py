@@ -336,9 +336,9 @@ class Robot(Checked):
     @property
     def digest(self) -> str:
         """Return a fingerprint of the numbers of robot and motor, not of steering and name."""
-        numbers = [(type(part).__name__, item.name, getattr(part, item.name))
+        numbers = [(type(part).__name__, name, getattr(part, name))
                    for part in (self, self.motor) if part is not None
-                   for item in fields(part) if item.metadata.get('kind') is float]
+                   for name in described(type(part))]
         if self.law_number:
             numbers.append(('Robot', 'contact_law', self.contact_law))
         return hashlib.sha256(repr(numbers).encode()).hexdigest()[:16]

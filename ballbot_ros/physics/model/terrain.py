@@ -348,15 +348,16 @@ def _read_piece(piece: Any, where: str) -> tuple[Strides, float, float]:
     (name, values), = piece.items()
     refuse_unknown({name: None}, PIECES, where)
     make, described, optional = PIECES[name]
+    known = {**described, **_COMMON}
     place = f'{where} ({name})'
     given = dict(expect_mapping(values, place))
-    refuse_unknown(given, {**described, **_COMMON}, place)
+    refuse_unknown(given, known, place)
     missing = {key: f'{key} is missing ({item.metadata["doc"]} [{item.metadata["unit"]}])'
                for key, item in described.items() if key not in given and key not in optional}
     if missing:
         raise ConfigurationError(
             f'{place}: {"; ".join(missing.values())}', 'missing', next(iter(missing)))
-    checked = {key: check_value(key, value, {**described, **_COMMON}[key].metadata, place)
+    checked = {key: check_value(key, value, known[key].metadata, place)
                for key, value in given.items()}
     friction = checked.pop('friction', math.nan)
     edge_friction = checked.pop('edge_friction', math.nan)
