@@ -267,8 +267,9 @@ def _read_actuation(section: Any, robot: Robot, where: str) -> Actuation:
         raise ConfigurationError(
             f'{where}: set_angle is not accepted here; give set_angle_deg', 'unknown_name',
             'set_angle')
-    human = {'set_angle_deg': ('set_angle', math.radians),
-             'set_speed': ('set_rate', partial(set_rate_for_speed, robot))}
+    human: dict[str, tuple[str, Callable[[float], float]]] = {
+        'set_angle_deg': ('set_angle', math.radians),
+        'set_speed': ('set_rate', partial(set_rate_for_speed, robot))}
     for name, (target, convert) in human.items():
         if name not in entries:
             continue
