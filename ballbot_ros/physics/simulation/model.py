@@ -182,15 +182,9 @@ class Model:
 
     def advance(self, state: State, actuator: Actuator, steps: int) -> State:
         """
-        Return the state after a number of solver steps.
+        Return the state after a number of solver steps, for the result of `Actuation.actuator`.
 
-        Parameters
-        ----------
-        state : State
-        actuator : Actuator
-            See `Actuation.actuator`.
-        steps : int
-            Duration in steps of the solver; a variable-step method chooses its own steps.
+        A variable-step method chooses its own steps within that duration.
 
         Raises
         ------
