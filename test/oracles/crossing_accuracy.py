@@ -45,10 +45,9 @@ def random_crossing(seed):
 def bracketed(crossing, near, span):
     """Return the maximum step height [m] by bisection, initially in `near` +- `span` [m]."""
     robot, speed, actuation, site, rules = crossing
-    angle = actuation.set_angle if actuation.law == 'position' else 0.0
 
     def passes(height):
-        return height <= 0.0 or crosses(robot, speed, height, actuation, angle,
+        return height <= 0.0 or crosses(robot, speed, height, actuation,
                                         solver=REFERENCE, site=site, rules=rules)
     low, high = near - span, near + span
     while not passes(low):

@@ -9,21 +9,28 @@ import math
 
 import numpy as np
 
-from ballbot_ros.crossing import Rules, Site
+from ballbot_ros.crossing import held_at, Rules, Site
 from ballbot_ros.crossing.attempt import place, RETREAT
-from ballbot_ros.physics import Actuation, ContactOptions, Model, Solver, State
+from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, Solver, State
 from ballbot_ros.physics.simulation.run import run_once
 
+# Robot and actuation of the documented maximum step heights.
+CASES = {
+    'shellball free': (load_robot('shellball'), Actuation()),
+    'gimball free': (load_robot('gimball'), Actuation()),
+    'gimball down': (load_robot('gimball'), held_at(0.0)),
+    'gimball level': (load_robot('gimball'), held_at(math.pi / 2))}
 # An attempt that is undecided at these times is repeated with a longer run [s].
 FIRST_LIMITS = (0.5, 1.5)
 
 
-def crosses(robot, speed, height, actuation=Actuation(), pendulum_angle=0.0,
-            options=ContactOptions(), solver=Solver(), site=Site(), rules=Rules()):
+def crosses(robot, speed, height, actuation=Actuation(), options=ContactOptions(),
+            solver=Solver(), site=Site(), rules=Rules()):
     """Return whether the ball crosses a step [m] at a collision speed [m/s]."""
     model = Model(robot, site.terrain(height), options, solver)
     vector = np.array(State()[1:])
-    touch_x = place(vector, rules.course(speed, pendulum_angle), model.parameters, model.profile)
+    touch_x = place(vector, rules.course(speed, actuation.start_angle), model.parameters,
+                    model.profile)
     limit = int(rules.time_limit / solver.step) * solver.step
     for duration in (*FIRST_LIMITS, limit):
         # Near the maximum height runs are so sensitive that `simulate` would refuse the steps.
@@ -40,8 +47,7 @@ def crosses(robot, speed, height, actuation=Actuation(), pendulum_angle=0.0,
     return False
 
 
-def highest_step(robot, speed, actuation=Actuation(), pendulum_angle=0.0, tolerance=5e-5,
-                 options=ContactOptions(), solver=Solver(), site=Site(), rules=Rules()):
+def highest_step(robot, speed, actuation=Actuation(), tolerance=5e-5, **rest):
     """
     Return the maximum step height at a collision speed [m].
 
@@ -49,8 +55,7 @@ def highest_step(robot, speed, actuation=Actuation(), pendulum_angle=0.0, tolera
     [m].  The result is the lower end of the bracket, which the ball crosses.
     """
     def passes(height):
-        return crosses(robot, speed, height, actuation, pendulum_angle, options, solver, site,
-                       rules)
+        return crosses(robot, speed, height, actuation, **rest)
 
     low, high = 0.0, max(tolerance, 0.25 * speed * speed / (2.0 * robot.gravity))
     while passes(high):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Random terrains and balls in contact with them, for the contact tests."""
+"""Scenes with motion, and terrains with balls in contact with them: fixed and random ones."""
 from hypothesis import assume, strategies
 import numpy as np
 
@@ -10,6 +10,15 @@ from ballbot_ros.physics.model.robot import Parameters
 BOT = load_robot('gimball')
 RADIUS = BOT.ball_radius
 PARAMETERS = Parameters.of(BOT, ContactOptions())
+MOVING = ('fig7_top', 'fig7_middle', 'fig7_bottom', 'household', 'ramp_release',
+          'shellball_drop', 'voltage_start')
+
+
+def rough(face=0.9, notch=0.02):
+    """Return a gentle bend, a ramp, a step with its edge at `face`, a narrow ridge and a notch."""
+    return Terrain([
+        [-1.0, 0.0], [0.0, 0.0], [0.5, 0.03], [0.9, 0.03], [face, 0.06], [1.3, 0.06],
+        [1.31, 0.09], [1.32, 0.06], [1.6, 0.06], [1.7, notch], [1.8, 0.06], [2.5, 0.06]])
 
 
 def rows_at(terrain, x, y, robot=BOT):
@@ -47,6 +56,10 @@ def touching_height(terrain, x):
     return low
 
 
+options = strategies.builds(
+    ContactOptions, pulling=strategies.booleans(),
+    friction_ramp=strategies.sampled_from(['linear', 'smooth']),
+    slip_lever=strategies.sampled_from(['contact', 'radius']))
 strides = strategies.tuples(
     strategies.one_of(strategies.just(0.0), strategies.floats(0.004, 0.3)),
     strategies.floats(-0.12, 0.12)).filter(lambda stride: abs(stride[0]) + abs(stride[1]) > 3e-3)

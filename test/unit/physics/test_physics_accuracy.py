@@ -31,16 +31,14 @@ def test_random_scenes_keep_the_requested_accuracy(accuracy):
 
 def test_the_error_estimate_exceeds_the_actual_error():
     scene = load_scene('fig7_bottom')
-    exact = replace(scene, run=replace(scene.run, accuracy=1e-9)).simulate()
-    found = replace(scene, run=replace(scene.run, accuracy=1e-5)).simulate()
+    exact, found = scene.simulate(accuracy=1e-9), scene.simulate(accuracy=1e-5)
     error = np.max(np.hypot(found['x'] - exact['x'], found['y'] - exact['y']))
     assert found.assurance.complete and error < found.assurance.estimate <= 1e-5
 
 
 def test_a_looser_accuracy_costs_less():
     scene = load_scene('household')
-    cost = [replace(scene, run=replace(scene.run, accuracy=level)).simulate().effort.evaluations
-            for level in (1e-3, 1e-8)]
+    cost = [scene.simulate(accuracy=level).effort.evaluations for level in (1e-3, 1e-8)]
     assert cost[0] < 0.8 * cost[1]
 
 
@@ -49,7 +47,7 @@ def test_a_looser_accuracy_costs_less():
 def test_the_solver_of_each_shipped_scene_is_accurate_to_thirty_micrometres(name):
     scene = load_scene(name)
     found = scene.simulate()
-    exact = replace(scene, run=replace(scene.run, accuracy=1e-7)).simulate()
+    exact = scene.simulate(accuracy=1e-7)
     assert exact.assurance.complete
     assert np.hypot(found['x'] - exact['x'], found['y'] - exact['y']).max() < 3e-5
 

@@ -2,6 +2,7 @@
 """The adaptive method: accurate at the kinks of the contact law and cheap between them."""
 from dataclasses import replace
 
+from contact_cases import MOVING, options, rough
 from hypothesis import given, strategies as some
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from tiers import pairs
 from ballbot_ros.crossing import held_at
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics import (
-    Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
+    Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
 from ballbot_ros.physics.mechanics import contact, equations, modes
 from ballbot_ros.physics.mechanics.equations import angle_trig, System
 from ballbot_ros.physics.model.state import SIZE
@@ -18,24 +19,15 @@ from ballbot_ros.physics.simulation.solver import METHODS
 from ballbot_ros.physics.solvers import values
 from ballbot_ros.physics.solvers.values import Workspace
 
-MOVING = ('fig7_top', 'fig7_middle', 'fig7_bottom', 'household', 'ramp_release',
-          'shellball_drop', 'voltage_start')
 
-# A floor with a gentle bend, a ramp, a step, a narrow ridge and a notch.
-ROUGH = Terrain([[-1.0, 0.0], [0.0, 0.0], [0.5, 0.03], [0.9, 0.03], [0.9, 0.06], [1.3, 0.06],
-                 [1.31, 0.09], [1.32, 0.06], [1.6, 0.06], [1.7, 0.02], [1.8, 0.06], [2.5, 0.06]])
-
-
-def with_tolerance(scene, tolerance):
-    return replace(scene, model=replace(
-        scene.model, solver=Solver('adaptive', tolerance=tolerance)))
+def with_tolerance(name, tolerance):
+    return load_scene(name, solver=Solver('adaptive', tolerance=tolerance))
 
 
 @pytest.mark.parametrize('name', MOVING)
 def test_a_scene_ends_where_ten_times_finer_fixed_steps_end(name):
-    scene = load_scene(name)
-    fixed = replace(scene, model=replace(scene.model, solver=Solver('rk4', 1e-5))).simulate()
-    found = with_tolerance(scene, 1e-10).simulate()
+    fixed = load_scene(name, solver=Solver('rk4', 1e-5)).simulate()
+    found = with_tolerance(name, 1e-10).simulate()
     # The remaining difference is the first-order error of the fixed steps at the kinks.
     assert found['x'][-1] == pytest.approx(fixed['x'][-1], abs=2e-5)
     assert found['time'] == pytest.approx(fixed['time'], abs=1e-12)
@@ -43,15 +35,14 @@ def test_a_scene_ends_where_ten_times_finer_fixed_steps_end(name):
 
 @pytest.mark.parametrize('name', MOVING)
 def test_the_relative_energy_balance_error_is_below_one_in_ten_million(name):
-    run = with_tolerance(load_scene(name), 1e-10).simulate()
+    run = with_tolerance(name, 1e-10).simulate()
     assert np.max(np.abs(run.energy_residual)) < 1e-7 * run.energy_in_play
 
 
 @pytest.mark.parametrize('name', MOVING)
 def test_a_smaller_tolerance_gives_a_smaller_error(name):
-    scene = load_scene(name)
-    exact = with_tolerance(scene, 1e-13).simulate()
-    errors = [abs(with_tolerance(scene, tolerance).simulate()['x'][-1] - exact['x'][-1])
+    exact = with_tolerance(name, 1e-13).simulate()
+    errors = [abs(with_tolerance(name, tolerance).simulate()['x'][-1] - exact['x'][-1])
               for tolerance in (1e-6, 1e-11)]
     assert errors[1] < 1e-8 and errors[1] < 0.1 * errors[0]
 
@@ -68,16 +59,15 @@ def test_energy_is_conserved_when_a_ball_bounces_without_loss():
 
 
 def test_a_crossing_takes_far_fewer_evaluations_than_with_fixed_steps():
-    scene = load_scene('fig7_top')
-    found, fixed = with_tolerance(scene, 1e-8).simulate(), load_scene(
-        'fig7_top', solver=Solver('rk4')).simulate()
+    found = with_tolerance('fig7_top', 1e-8).simulate()
+    fixed = load_scene('fig7_top', solver=Solver('rk4')).simulate()
     assert 0 < found.effort.events < 50
     assert found.effort.evaluations < 0.1 * fixed.effort.evaluations
 
 
 def test_the_output_step_does_not_change_the_run():
-    scene = with_tolerance(load_scene('fig7_top'), 1e-10)
-    coarse = replace(scene, run=replace(scene.run, output_step=0.1)).simulate()
+    scene = with_tolerance('fig7_top', 1e-10)
+    coarse = scene.simulate(output_step=0.1)
     assert coarse['x'] == pytest.approx(scene.simulate()['x'][::100], abs=1e-9)
 
 
@@ -98,7 +88,7 @@ def test_the_interval_of_progress_reports_does_not_change_the_run(name, method, 
 
 
 def test_advancing_period_by_period_agrees_with_one_run():
-    scene = with_tolerance(load_scene('fig7_bottom'), 1e-11)
+    scene = with_tolerance('fig7_bottom', 1e-11)
     drive = scene.actuation.actuator(scene.model.robot)
     state = scene.start
     for _ in range(500):
@@ -112,15 +102,12 @@ states = some.builds(
     pendulum_angle=some.floats(-4, 4), ball_rate=some.floats(-9, 9),
     pendulum_rate=some.floats(-9, 9), velocity_x=some.floats(-2, 2),
     velocity_y=some.floats(-2, 2))
-options = some.builds(
-    ContactOptions, pulling=some.booleans(), friction_ramp=some.sampled_from(['linear', 'smooth']),
-    slip_lever=some.sampled_from(['contact', 'radius']))
 
 
 @pytest.mark.slow
 @given(states, options, some.booleans())
 def test_the_formulas_of_a_mode_equal_the_contact_law_inside_the_mode(state, choice, held):
-    model = Model(load_robot('gimball'), ROUGH, choice)
+    model = Model(load_robot('gimball'), rough(), choice)
     actuation = replace(held_at(0.3), torque_limit=5.0) if held else Actuation()
     system = System(model.parameters, model.profile, actuation.actuator(model.robot))
     size = len(model.profile)
@@ -142,7 +129,7 @@ def test_the_formulas_of_a_mode_equal_the_contact_law_inside_the_mode(state, cho
 
 @given(states)
 def test_no_guard_of_the_mode_of_a_state_is_violated_by_that_state(state):
-    model = Model(load_robot('gimball'), ROUGH)
+    model = Model(load_robot('gimball'), rough())
     system = System(model.parameters, model.profile, Actuation().actuator(model.robot))
     size, vector = len(model.profile), np.array(state[1:])
     workspace = Workspace.of(size)

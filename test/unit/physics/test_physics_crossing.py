@@ -4,17 +4,15 @@ import math
 
 import numpy as np
 import pytest
-from reference_search import crosses, highest_step
+from reference_search import CASES, crosses, highest_step
 from refusals import refused
 from tiers import pairs
 
-from ballbot_ros.crossing import held_at, max_step_heights, Rules, try_step
+from ballbot_ros.crossing import held_at, max_step_heights, rolling, Rules, try_step
 from ballbot_ros.crossing.rules import START_LEAD, touch_distance
-from ballbot_ros.physics import Actuation, ContactOptions, load_robot, load_scene
-from ballbot_ros.physics.model.actuation import set_rate_for_speed
+from ballbot_ros.physics import ContactOptions, load_robot, load_scene
 
 GIMBALL = load_robot('gimball')
-SHELLBALL = load_robot('shellball')
 SPEEDS = [0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2]
 
 # Maximum step height [mm] at each speed, from an independent C program that was written before
@@ -28,10 +26,6 @@ TABLE = {
         2.34, 5.20, 9.36, 14.33, 19.77, 25.42, 31.05, 36.50, 41.64, 46.44, 50.88],
     'gimball level': [
         8.36, 13.14, 18.72, 24.69, 30.84, 37.00, 43.00, 48.72, 54.06, 59.00, 63.53]}
-CASES = {
-    'shellball free': (SHELLBALL, Actuation(), 0.0), 'gimball free': (GIMBALL, Actuation(), 0.0),
-    'gimball down': (GIMBALL, held_at(0.0), 0.0),
-    'gimball level': (GIMBALL, held_at(math.pi / 2), math.pi / 2)}
 # The C program starts 2 mm before the touch; a level pendulum accelerates the ball until then.
 ITS_RULES = Rules(lead=START_LEAD)
 
@@ -39,9 +33,8 @@ ITS_RULES = Rules(lead=START_LEAD)
 @pytest.mark.slow
 @pytest.mark.parametrize('case', TABLE)
 def test_thresholds_agree_with_the_independent_program(case):
-    robot, actuation, angle = CASES[case]
-    found = [1e3 * highest_step(robot, speed, actuation, angle, rules=ITS_RULES)
-             for speed in SPEEDS]
+    robot, actuation = CASES[case]
+    found = [1e3 * highest_step(robot, speed, actuation, rules=ITS_RULES) for speed in SPEEDS]
     np.testing.assert_allclose(found, TABLE[case], atol=0.3)
 
 
@@ -49,12 +42,12 @@ def test_thresholds_agree_with_the_independent_program(case):
 @pytest.mark.parametrize('case', TABLE)
 def test_with_the_lever_of_that_program_thresholds_agree_within_both_brackets(case):
     # That program uses the printed R in eq. (8), and a clamp; each bracket is 0.05 mm wide.
-    robot, actuation, angle = CASES[case]
+    robot, actuation = CASES[case]
     options = ContactOptions(slip_lever='radius')
-    found = [1e3 * highest_step(robot, speed, actuation, angle, options=options,
-                                rules=ITS_RULES) for speed in SPEEDS]
+    found = [1e3 * highest_step(robot, speed, actuation, options=options, rules=ITS_RULES)
+             for speed in SPEEDS]
     np.testing.assert_allclose(found, TABLE[case], atol=0.07)
-    fast = max_step_heights(robot, SPEEDS, actuation, angle, options=options, rules=ITS_RULES)
+    fast = max_step_heights(robot, SPEEDS, actuation, options=options, rules=ITS_RULES)
     np.testing.assert_allclose([1e3 * item.height for item in fast], TABLE[case], atol=0.07)
 
 
@@ -62,24 +55,22 @@ def test_with_the_lever_of_that_program_thresholds_agree_within_both_brackets(ca
 @pytest.mark.parametrize('case', TABLE)
 @pytest.mark.parametrize('speed', [0.4, 1.0])
 def test_the_literal_paper_has_nearly_the_same_thresholds(case, speed):
-    robot, actuation, angle = CASES[case]
+    robot, actuation = CASES[case]
     literal = ContactOptions(pulling=True, slip_lever='radius')
-    own = highest_step(robot, speed, actuation, angle)
-    assert highest_step(robot, speed, actuation, angle, options=literal) == pytest.approx(
-        own, abs=4e-4)
+    own = highest_step(robot, speed, actuation)
+    assert highest_step(robot, speed, actuation, options=literal) == pytest.approx(own, abs=4e-4)
     smooth = ContactOptions(friction_ramp='smooth')
-    assert highest_step(robot, speed, actuation, angle, options=smooth) == pytest.approx(
-        own, abs=1e-4)
+    assert highest_step(robot, speed, actuation, options=smooth) == pytest.approx(own, abs=1e-4)
 
 
 @pytest.mark.parametrize('case, speed', pairs(list(TABLE), [0.3, 0.8, 1.2]))
 def test_every_step_below_the_threshold_is_crossed_and_none_above(case, speed):
-    robot, actuation, angle = CASES[case]
-    threshold = highest_step(robot, speed, actuation, angle)
+    robot, actuation = CASES[case]
+    threshold = highest_step(robot, speed, actuation)
     for share in (0.2, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99):
-        assert crosses(robot, speed, share * threshold, actuation, angle)
+        assert crosses(robot, speed, share * threshold, actuation)
     for share in (1.01, 1.02, 1.05, 1.1, 1.3, 2.0):
-        assert not crosses(robot, speed, share * threshold, actuation, angle)
+        assert not crosses(robot, speed, share * threshold, actuation)
 
 
 def test_the_threshold_lies_within_the_requested_bracket():
@@ -92,20 +83,19 @@ def test_the_threshold_lies_within_the_requested_bracket():
 @pytest.mark.slow
 def test_the_threshold_rises_with_speed_and_with_a_level_pendulum():
     for case in TABLE:
-        robot, actuation, angle = CASES[case]
-        heights = [highest_step(robot, speed, actuation, angle) for speed in SPEEDS[::2]]
+        robot, actuation = CASES[case]
+        heights = [highest_step(robot, speed, actuation) for speed in SPEEDS[::2]]
         assert np.all(np.diff(heights) > 0.0)
     for speed in SPEEDS[::5]:
-        assert highest_step(GIMBALL, speed, held_at(math.pi / 2), math.pi / 2) \
+        assert highest_step(GIMBALL, speed, held_at(math.pi / 2)) \
             > highest_step(GIMBALL, speed, held_at(0.0)) + 5e-3
 
 
-@pytest.mark.parametrize('speed, height, actuation, angle', [
-    (0.76, 0.021, held_at(0.0), 0.0),
-    (0.78, 0.031, Actuation('velocity', set_rate=set_rate_for_speed(GIMBALL, 0.78)), 0.0),
-    (1.09, 0.056, held_at(math.pi / 2), math.pi / 2)], ids=['top', 'middle', 'bottom'])
-def test_the_crossings_of_figure_7_succeed(speed, height, actuation, angle):
-    assert crosses(GIMBALL, speed, height, actuation, angle)
+@pytest.mark.parametrize('speed, height, actuation', [
+    (0.76, 0.021, held_at(0.0)), (0.78, 0.031, rolling(GIMBALL)(0.78)),
+    (1.09, 0.056, held_at(math.pi / 2))], ids=['top', 'middle', 'bottom'])
+def test_the_crossings_of_figure_7_succeed(speed, height, actuation):
+    assert crosses(GIMBALL, speed, height, actuation)
 
 
 @pytest.mark.parametrize('row', ['top', 'middle', 'bottom'])

@@ -6,19 +6,13 @@ from pathlib import Path
 import re
 
 import pytest
-from reference_search import highest_step
+from reference_search import CASES, highest_step
 
-from ballbot_ros.crossing import held_at
-from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model
+from ballbot_ros.physics import ContactOptions, load_robot, Model
 
 ROOT = Path(__file__).resolve().parents[3]
 TEXT = (ROOT / 'docs' / 'model.md').read_text(encoding='utf-8')
 EQUATIONS = (ROOT / 'docs' / 'equations.md').read_text(encoding='utf-8')
-CASES = {
-    'shellball free': ('shellball', Actuation(), 0.0),
-    'gimball free': ('gimball', Actuation(), 0.0),
-    'gimball down': ('gimball', held_at(0.0), 0.0),
-    'gimball level': ('gimball', held_at(math.pi / 2), math.pi / 2)}
 OPTIONS = [ContactOptions(pulling=True), ContactOptions(slip_lever='radius'),
            ContactOptions(pulling=True, slip_lever='radius'),
            ContactOptions(friction_ramp='smooth')]
@@ -34,11 +28,10 @@ def table(name):
 @pytest.mark.parametrize('row', table('effects'), ids=lambda row: ' '.join(row[:2]))
 def test_effect_of_the_contact_options_on_the_height(row):
     name, speed, *values = row[0], *map(float, row[1:])
-    robot, actuation, angle = CASES[name]
+    robot, actuation = CASES[name]
 
     def millimetres(options=ContactOptions()):
-        return 1e3 * highest_step(
-            load_robot(robot), speed, actuation, angle, 2e-6, options)
+        return 1e3 * highest_step(robot, speed, actuation, 2e-6, options=options)
 
     own = millimetres()
     assert values[0] == pytest.approx(own, abs=0.02)

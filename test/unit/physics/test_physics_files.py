@@ -83,7 +83,6 @@ def with_line(name, line):
     ('gravity', 'gravity: -9.81', ['gravity', 'at least 0 m/s2', '-9.81']),
     ('pendulum_mass', 'pendulum_mass: 0', ['pendulum_inertia', 'must be 0', 'without a pendulum']),
     ('pendulum_length', 'pendulum_length: 0.3', ['pendulum_length', 'at most', '0.226', '0.3']),
-    ('motor', 'motor: {gear_ratio: 50}', ['motor', 'gear_efficiency is missing']),
     ('motor', 'motor: 3', ['motor', 'mapping', 'got 3']),
     ('name', 'name: 3', ['name', 'must be text', 'got 3']),
 ])

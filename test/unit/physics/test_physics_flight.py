@@ -3,6 +3,7 @@
 from dataclasses import replace
 import math
 
+from contact_cases import rough
 from hypothesis import example, given, settings
 from hypothesis import strategies as some
 import numpy as np
@@ -16,8 +17,7 @@ from ballbot_ros.physics.model.state import (
 from ballbot_ros.physics.solvers import flight
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
-ROUGH = Terrain([[-1.0, 0.0], [0.0, 0.0], [0.5, 0.03], [0.9, 0.03], [0.9, 0.06], [1.3, 0.06],
-                 [1.31, 0.09], [1.32, 0.06], [1.6, 0.06], [1.7, -0.3], [1.8, 0.06], [2.5, 0.06]])
+ROUGH = rough(notch=-0.3)
 LAWS = [Actuation(), Actuation('torque', torque=0.5), Actuation('voltage', voltage=4.0)]
 START = State(x=0.0, y=1.0, pendulum_angle=0.5, velocity_x=1.0, velocity_y=0.5, ball_rate=-7.0,
               pendulum_rate=3.0)

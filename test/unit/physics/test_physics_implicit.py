@@ -3,6 +3,7 @@
 from dataclasses import replace
 import math
 
+from contact_cases import MOVING
 import numpy as np
 import pytest
 from refusals import refused
@@ -20,19 +21,17 @@ from ballbot_ros.physics.solvers.dense import interpolate
 from ballbot_ros.physics.solvers.values import NOTHING, Workspace
 
 GIMBALL = load_robot('gimball')
-MOVING = ('fig7_top', 'fig7_middle', 'fig7_bottom', 'household', 'shellball_drop')
 
 
-def with_solver(scene, **solver):
-    return replace(scene, model=replace(scene.model, solver=Solver(**solver)))
+def run_with(name, method, tolerance):
+    return load_scene(name, solver=Solver(method, tolerance=tolerance)).simulate()
 
 
 @pytest.mark.parametrize('name', MOVING)
 def test_all_methods_with_adaptive_steps_agree(name):
-    scene = load_scene(name)
-    end = with_solver(scene, method='explicit', tolerance=1e-11).simulate()['x'][-1]
+    end = run_with(name, 'explicit', 1e-11)['x'][-1]
     for method in ('implicit', 'adaptive'):
-        found = with_solver(scene, method=method, tolerance=1e-11).simulate()
+        found = run_with(name, method, 1e-11)
         assert found['x'][-1] == pytest.approx(end, abs=1e-8), method
         assert np.max(np.abs(found.energy_residual)) < 1e-6 * found.energy_in_play, method
 
@@ -129,8 +128,7 @@ def test_a_tiny_slip_threshold_costs_the_implicit_method_little_and_the_explicit
 
 def test_the_adaptive_method_uses_explicit_steps_only_if_accuracy_limits_them():
     def effort(method, tolerance):
-        scene = with_solver(load_scene('fig7_top'), method=method, tolerance=tolerance)
-        return scene.simulate().effort.evaluations
+        return run_with('fig7_top', method, tolerance).effort.evaluations
     assert effort('adaptive', 1e-13) < 1.1 * effort('explicit', 1e-13) < effort('implicit', 1e-13)
     assert effort('adaptive', 1e-6) < 0.8 * effort('explicit', 1e-6)
 
@@ -173,9 +171,8 @@ def test_the_preset_paper_reproduces_the_figure_and_is_selected_by_name():
     assert scene.model.solver == PRESETS['paper']
     with refused('not_a_choice', 'solver'):
         read_scene({'robot': 'gimball', 'solver': 'adams', 'duration': 0.1}, 'here', 'rest')
-    figure = load_scene('fig7_top')
-    exact = with_solver(figure, method='adaptive', tolerance=1e-11).simulate()
-    found = replace(figure, model=replace(figure.model, solver=PRESETS['paper'])).simulate()
+    exact = run_with('fig7_top', 'adaptive', 1e-11)
+    found = load_scene('fig7_top', solver=PRESETS['paper']).simulate()
     assert found['x'] == pytest.approx(exact['x'], abs=1e-4)
     assert np.max(np.diff(found['time'])) < 1.1e-3
 

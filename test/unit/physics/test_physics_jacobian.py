@@ -2,12 +2,13 @@
 """The analytical Jacobian of the equations of motion agrees with finite differences."""
 from dataclasses import replace
 
+from contact_cases import options
 from hypothesis import assume, example, given
 from hypothesis import strategies as some
 import numpy as np
 import pytest
 
-from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, Terrain
+from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, State, Terrain
 from ballbot_ros.physics.mechanics import modes
 from ballbot_ros.physics.mechanics.equations import angle_trig, System
 from ballbot_ros.physics.model.state import PENDULUM_ANGLE
@@ -61,9 +62,6 @@ vectors = some.builds(
     some.floats(-0.05, 0.05), some.floats(1e-5, 3e-3), some.floats(-0.1, 0.1),
     some.tuples(some.floats(-3, 3), some.floats(-3, 3), some.floats(-1, 1), some.floats(-3, 3),
                 some.floats(-0.05, 0.05)))
-options = some.builds(
-    ContactOptions, pulling=some.booleans(), friction_ramp=some.sampled_from(['linear', 'smooth']),
-    slip_lever=some.sampled_from(['contact', 'radius']))
 actuations = some.builds(
     Actuation, law=some.sampled_from(['free', 'position', 'velocity', 'voltage', 'torque']),
     set_angle=some.just(0.3), set_rate=some.just(2.0), voltage=some.just(3.0),
@@ -92,7 +90,6 @@ def test_the_jacobian_agrees_with_central_differences(name, vector, choice, actu
 
 def slips(model, vector):
     """Return the slip velocity of each contact [m/s]."""
-    from ballbot_ros.physics import State
     return [touch.slip_velocity for touch in model.touches(State(0.5, *vector))]
 
 
@@ -105,8 +102,7 @@ def test_the_jacobian_is_reported_incomplete_at_a_corner():
 
 
 def test_the_jacobian_has_no_pendulum_entries_without_a_pendulum():
-    robot = replace(ROBOTS['shellball'])
-    model = Model(robot, Terrain.flat())
+    model = Model(ROBOTS['shellball'], Terrain.flat())
     _, slopes, _, _ = rates_and_slopes(model, Actuation(), np.array(model.at_rest(0.0, 0.5)[1:]))
     assert not slopes[modes.PENDULUM].any() and not slopes[:, [0, 1, 5]].any()
 

@@ -2,19 +2,16 @@
 """A run switches to simpler models where they are valid and agrees with the full model."""
 from dataclasses import replace
 
+from contact_cases import MOVING
 import numpy as np
 import pytest
 
 from ballbot_ros.physics import Actuation, load_robot, load_scene, Model, simulate, Solver, Terrain
 
-MOVING = ('fig7_top', 'fig7_middle', 'fig7_bottom', 'household', 'ramp_release',
-          'shellball_drop', 'voltage_start')
 
-
-def run(name, models, tolerance):
-    scene = load_scene(name)
+def run(name, models, tolerance, **given):
     solver = Solver('adaptive', tolerance=tolerance, models=models)
-    return replace(scene, model=replace(scene.model, solver=solver)).simulate()
+    return load_scene(name, solver=solver).simulate(**given)
 
 
 @pytest.mark.parametrize('name', MOVING)
@@ -39,11 +36,8 @@ def test_a_drop_flies_in_closed_form_unless_the_full_model_is_selected():
 
 @pytest.mark.parametrize('models', ['auto', 'full'])
 def test_the_output_step_does_not_change_the_run(models):
-    scene = load_scene('shellball_drop')
-    solver = Solver('adaptive', tolerance=1e-9, models=models)
-    scene = replace(scene, model=replace(scene.model, solver=solver))
-    coarse = replace(scene, run=replace(scene.run, output_step=0.1)).simulate()
-    fine = scene.simulate()
+    coarse = run('shellball_drop', models, 1e-9, output_step=0.1)
+    fine = run('shellball_drop', models, 1e-9)
     assert coarse['x'] == pytest.approx(fine['x'][::100], abs=1e-7)
     assert coarse['time'] == pytest.approx(fine['time'][::100], abs=1e-12)
 

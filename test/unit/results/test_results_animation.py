@@ -10,8 +10,8 @@ import pytest
 from refusals import refused
 
 from ballbot_ros.figures import animation
-from ballbot_ros.figures.animation import animate, check_animation, ffmpeg, frame_samples
-from ballbot_ros.figures.animation import mean_forces
+from ballbot_ros.figures.animation import (
+    animate, check_animation, ffmpeg, frame_samples, mean_forces)
 from ballbot_ros.physics import load_scene
 
 DURATION = 0.24  # of the run; contact with the step begins at 0.145 s

@@ -81,13 +81,11 @@ def test_a_folder_that_cannot_be_created_is_named(trajectory, tmp_path):
         write_csv(trajectory, tmp_path / 'taken' / 'run.csv')
 
 
-@pytest.mark.parametrize('name, content', [
-    ('run.csv', 'time,x\n0,1\n'), ('run.csv', ''), ('run.csv', 'x [m]\nword\n'),
-    ('run.csv', 'x [m],y [m]\n1\n'), ('run.npz', 'no archive'), ('run.txt', ''),
-    ('run.parquet', 'none')])
-def test_a_file_of_another_kind_is_refused(tmp_path, name, content):
-    (tmp_path / name).write_text(content)
-    with refused('not_a_choice' if name == 'run.txt' else 'unreadable'):
+@pytest.mark.parametrize('name, reason', [
+    ('run.npz', 'unreadable'), ('run.parquet', 'unreadable'), ('run.txt', 'not_a_choice')])
+def test_a_file_of_another_kind_is_refused(tmp_path, name, reason):
+    (tmp_path / name).write_text('no archive')
+    with refused(reason):
         read_columns(tmp_path / name)
 
 
