@@ -2,6 +2,7 @@
 """Hunt-Crossley contact: closed-form restitution, energy balance, and selection of the law."""
 import math
 
+from contact_cases import MOVING
 import numpy as np
 import pytest
 from refusals import refused
@@ -55,8 +56,7 @@ def test_the_force_is_continuous_at_first_contact_and_never_pulls():
     assert np.max(jump) == pytest.approx(SHELLBALL.contact_damping, rel=0.05)  # kd at 1 m/s
 
 
-@pytest.mark.parametrize('name', ['fig7_top', 'fig7_middle', 'fig7_bottom', 'household',
-                                  'shellball_drop', 'voltage_start'])
+@pytest.mark.parametrize('name', MOVING)
 def test_the_energy_balance_of_every_scene_closes(name):
     scene = load_scene(name)
     scene = load_scene(
