@@ -130,29 +130,19 @@ def bounce(pulling, step=2e-6):
     return run['velocity_y'][-1], step * np.count_nonzero(inside)
 
 
-def test_restitution_and_contact_time_if_the_damper_may_pull():
+@pytest.mark.parametrize('pulling', [True, False])
+def test_restitution_and_contact_time(pulling):
+    # If the damper may not pull, the force reaches zero 2 asin(zeta) of phase before the end of
+    # the half wave: it dissipates less, and the ball separates while its shell is deformed.
     zeta = SHELLBALL.damping_ratio
+    root = math.sqrt(1.0 - zeta**2)
     natural = math.sqrt(SHELLBALL.contact_stiffness / SHELLBALL.ball_mass)
-    ratio, duration = bounce(pulling=True)
-    expected = math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta**2))
-    assert SHELLBALL.restitution == pytest.approx(expected, rel=1e-14)
-    assert ratio == pytest.approx(expected, rel=1e-4)
-    assert duration == pytest.approx(
-        math.pi / (natural * math.sqrt(1.0 - zeta**2)), rel=1e-3)
-
-
-def test_restitution_and_contact_time_if_the_damper_may_not_pull():
-    # The force reaches zero 2 asin(zeta) of phase before the end of the half wave: the damper
-    # dissipates less, and the ball separates while its shell is still deformed.
-    zeta = SHELLBALL.damping_ratio
-    natural = math.sqrt(SHELLBALL.contact_stiffness / SHELLBALL.ball_mass)
-    phase = math.pi - 2.0 * math.asin(zeta)
-    ratio, duration = bounce(pulling=False)
-    assert ratio == pytest.approx(
-        math.exp(-zeta / math.sqrt(1.0 - zeta**2) * phase), rel=1e-4)
-    assert duration == pytest.approx(
-        phase / (natural * math.sqrt(1.0 - zeta**2)), rel=1e-3)
-    assert ratio > SHELLBALL.restitution * 1.01
+    phase = math.pi if pulling else math.pi - 2.0 * math.asin(zeta)
+    ratio, duration = bounce(pulling)
+    assert ratio == pytest.approx(math.exp(-zeta / root * phase), rel=1e-4)
+    assert duration == pytest.approx(phase / (natural * root), rel=1e-3)
+    assert SHELLBALL.restitution == pytest.approx(math.exp(-math.pi * zeta / root), rel=1e-14)
+    assert pulling or ratio > SHELLBALL.restitution * 1.01
 
 
 def test_the_static_penetration_is_the_weight_over_the_stiffness(robot):
