@@ -28,7 +28,7 @@ AHEAD = 0.01
 # Grace period after the timeout of the IMU, without torque [s]: after a preemption of this
 # process, queued readings are read within it; they may be as late as replies of the drive.
 MISSING_TIMEOUT = MEASUREMENT_AGE_MAX - IMU_TIMEOUT
-# Time with uninterrupted readings before an IMU is usable again after a timeout [s].
+# Time with uninterrupted readings before an IMU is usable [s].
 IMU_RECOVERY_TIME = 0.5
 
 
@@ -36,15 +36,14 @@ class ImuWatch:
     """
     Monitors the readings of an IMU.  All times are of one steady clock and passed in [s].
 
-    `silent` is set by a timeout, and cleared by the very first reading or by uninterrupted
-    readings for `IMU_RECOVERY_TIME`; `silences` counts the timeouts after the first reading.
+    `silent` is set at the start and by a timeout, and cleared by uninterrupted readings for
+    `IMU_RECOVERY_TIME`; `silences` counts the timeouts.
     """
 
     def __init__(self) -> None:
-        self.silent = False
+        self.silent = True
         self.silences = 0
-        self._fresh_until = -math.inf
-        self._steady_since = -math.inf
+        self._fresh_until = self._steady_since = -math.inf
         self._missing_since = math.inf
         self._pulling = False  # whether the motor had torque when readings stopped
 
@@ -68,7 +67,7 @@ class ImuWatch:
     def reading_received(self, stamp: float, now: float) -> None:
         """Record the arrival of an accepted reading."""
         if now > self._fresh_until:
-            self._steady_since = now if self._fresh_until > -math.inf else -math.inf
+            self._steady_since = now
         self._fresh_until = max(self._fresh_until, min(stamp, now) + IMU_TIMEOUT)
 
     def has(self, now: float) -> bool:
@@ -95,7 +94,7 @@ class ImuWatch:
         if self.silent or now - self._missing_since < MISSING_TIMEOUT:
             return False
         self.silent = True
-        self.silences += self._fresh_until > -math.inf
+        self.silences += 1
         return self._pulling
 
 

@@ -323,7 +323,7 @@ class Session:
         if self.sensing.imu_fault:
             return EXPLANATIONS[self.sensing.imu_fault], 'imu'
         if self.sensing.needs_imu(now):
-            return (f'no IMU readings, or less than {IMU_RECOVERY_TIME:g} s since a gap, '
+            return (f'no IMU readings, or less than {IMU_RECOVERY_TIME:g} s without a gap, '
                     'and without them the pendulum angle is unreliable; publish imu, or set '
                     'imu_required: false in the hardware file for a level floor', 'imu')
         estimate, limit = self.fusion.estimate, self.hardware.limits.angle_limit

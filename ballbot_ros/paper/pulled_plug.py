@@ -15,6 +15,7 @@ from ballbot_ros.black_box.dump import write_file
 from ballbot_ros.black_box.read import BlackBoxRecording, read_black_box
 from ballbot_ros.black_box.ring import BlackBox
 from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.bridge.sensing import IMU_RECOVERY_TIME
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.drives import device_class, open_driver
 from ballbot_ros.drives.driver import Driver
@@ -27,7 +28,7 @@ from ballbot_ros.physics.simulation.scene import load_scene
 from ballbot_ros.studies.progress import ignore, Progress
 
 PERIOD = 0.002  # of the loop [s]
-UNPLUG_TIME, END_TIME = 3.0, 4.0  # after the start [s]
+UNPLUG_TIME, END_TIME = 3.2, 4.2  # after the start [s]
 TORQUE_AMPLITUDE, FREQUENCY = 0.5, 0.7  # of the commands [N m, Hz]
 
 
@@ -89,10 +90,10 @@ def pulled_plug(progress: Progress = ignore) -> BlackBoxRecording:
     """Return the recording of a session whose cable is unplugged while the pendulum swings."""
     line = RecordedLine()
     line.session.configure()
-    line.run(line.now + 0.2)
+    begin = line.now
+    line.run(begin + 1.1 * IMU_RECOVERY_TIME)
     line.session.activate()
     line.session.release()
-    begin = line.now
     for tenth in range(1, 11):
         line.run(begin + UNPLUG_TIME * tenth / 10.0)
         progress(tenth / 12.0)

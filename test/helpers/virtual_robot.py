@@ -11,6 +11,7 @@ import tempfile
 from ballbot_ros.bridge.condition import Battery
 from ballbot_ros.bridge.drive_line import SharedLine
 from ballbot_ros.bridge.hardware_file import load_hardware, SteeringAxis
+from ballbot_ros.bridge.observer import SessionObserver
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.control import load_tuning, PendulumController, SupervisedController, Supervision
 from ballbot_ros.drives import device_class, driver_class, open_driver
@@ -164,6 +165,7 @@ class VirtualRobot(MemoryLine):
         self.encoder = self.reading = self.lean_encoder = lambda true: true
         self.lateral, self.leans, self.course = LateralState(), [], GroundTrack()
         self._shared = SharedLine(self._opened)
+        self.observer = SessionObserver()
         self.refused = None  # the last error of an IMU reading
         self.lines = 0  # number of open lines
         self.torques = []  # at the motor shaft, at each step [N m]
@@ -176,27 +178,29 @@ class VirtualRobot(MemoryLine):
             PendulumController(GIMBALL, read_tuning(self.onboard)),
             Supervision(20.0, 0.5, let_down_time=self.hardware.limits.damping_time)
         ) if self.onboard else None
-        if self.hardware.steering is None:
-            self.session = Session(
-                self.hardware, GIMBALL, self.connect, self.clock, law=law,
-                publishers={'set_point': '/planner', 'cmd_vel': '/teleop'}.get)
-            return
-        lateral = self.hardware.lateral(GIMBALL)
         self.session = Session(
-            self.hardware, GIMBALL, lambda: self.connect(self._shared.view()), self.clock, law=law,
-            connect_lateral=lambda: open_driver(
-                lateral.connection.protocol, self.second_port or self._shared.view(),
-                lateral.options(), self.clock))
+            self.hardware, GIMBALL, self.connect, self.clock, self.observer, law,
+            self.connect_lateral, {'set_point': '/planner', 'cmd_vel': '/teleop'}.get)
+        self.session.sensing.imu_watch.silent = False  # has been steady for IMU_RECOVERY_TIME
 
     def _opened(self):
         self.read()  # discard the data of the previous connection
         self.lines += 1
         return self
 
-    def connect(self, line=None):
+    def connect(self):
         """Return a driver on the line."""
-        return open_driver(self.hardware.connection.protocol, line or self._opened(),
-                           self.hardware.options(), self.clock)
+        return self._driver(
+            self.hardware, self._shared.view() if self.hardware.steering else self._opened())
+
+    def connect_lateral(self):
+        """Return the driver of the second motor."""
+        return self._driver(
+            self.hardware.lateral(GIMBALL), self.second_port or self._shared.view())
+
+    def _driver(self, hardware, line):
+        return open_driver(
+            hardware.connection.protocol, line, hardware.options(), self.clock)
 
     def close(self):
         """Decrement the number of open lines."""

@@ -26,7 +26,7 @@ VALUES: Mapping[str, str] = {
                        'before the first reading',
     'motor_warmth': 'heating of the winding, computed from the torque; 1 is the value permitted '
                     'continuously',
-    'imu': '`received`, `silent` (no readings), or `returning` (readings have resumed, but for '
+    'imu': '`received`, `silent` (no readings), or `returning` (readings arrive, but for '
            'less than the recovery time)',
     'commander': 'node whose joint_commands (on board: set-points) are followed; empty before '
                  'the first command',

@@ -20,27 +20,24 @@ from ballbot_ros.black_box.ring import BlackBox
 from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.bridge.observer import Level
-from ballbot_ros.bridge.session import Session
 from ballbot_ros.bridge.supervisor import EStop, StopReason
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.drives.capture import ShownToAll
 from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.errors import ConfigurationError, MessageError, RefusedError
 from ballbot_ros.estimation import ImuReading
-from ballbot_ros.physics import load_robot
 
 
 class RecordedRobot(VirtualRobot):
     """A virtual robot with a black box."""
 
     def start(self):
-        self.box = BlackBox(self.clock)
-        self.session = Session(self.hardware, load_robot('gimball'), self.connect, self.clock,
-                               self.box)
+        self.observer = self.box = BlackBox(self.clock)
+        super().start()
 
-    def write(self, data):
+    def to_drive(self, data):
         self.box.record('>', data)
-        super().write(data)
+        return data
 
     def read(self):
         data = super().read()

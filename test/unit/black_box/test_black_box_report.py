@@ -22,8 +22,8 @@ from ballbot_ros.paper import pulled_plug
 def recording():
     """Return the recording of an unplugged drive."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pulled_plug, 'UNPLUG_TIME', 1.5)
-        patch.setattr(pulled_plug, 'END_TIME', 2.0)
+        patch.setattr(pulled_plug, 'UNPLUG_TIME', 1.7)
+        patch.setattr(pulled_plug, 'END_TIME', 2.2)
         return pulled_plug.pulled_plug()
 
 

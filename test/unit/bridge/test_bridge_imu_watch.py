@@ -53,9 +53,16 @@ def test_the_age_of_a_reading_counts_from_its_arrival_or_an_earlier_stamp(ahead)
     assert watch.has(2.019) and not watch.has(2.021)
 
 
-def test_the_imu_is_silent_after_the_missing_timeout_and_until_it_is_steady():
+def steady_watch(now):
+    """Return the watch of an IMU with a reading at a time, and long before [s]."""
     watch = ImuWatch()
-    watch.reading_received(1.0, 1.0)
+    watch.silent = False
+    watch.reading_received(now, now)
+    return watch
+
+
+def test_the_imu_is_silent_after_the_missing_timeout_and_until_it_is_steady():
+    watch = steady_watch(1.0)
     assert not watch.update(1.0, True) and watch.usable(1.0)
     missing = 1.0 + IMU_TIMEOUT + 0.001
     assert not watch.update(missing, True) and not watch.usable(missing)
@@ -78,8 +85,7 @@ def test_the_imu_is_silent_after_the_missing_timeout_and_until_it_is_steady():
 
 
 def test_a_stall_of_the_process_is_not_an_imu_timeout():
-    watch = ImuWatch()
-    watch.reading_received(1.0, 1.0)
+    watch = steady_watch(1.0)
     watch.update(1.0, True)
     watch.update(1.2, True)  # the loop runs before the queued message
     watch.reading_received(1.199, 1.2005)
@@ -90,6 +96,18 @@ def test_an_imu_that_never_sent_a_reading_is_silent_but_not_a_fault():
     watch = ImuWatch()
     assert not watch.update(0.0, False) and not watch.update(1.0, False)
     assert watch.silent and watch.silences == 0
+
+
+def test_the_first_readings_permit_no_release_until_the_imu_is_steady():
+    robot = VirtualRobot()
+    robot.session.sensing.imu_watch = ImuWatch()
+    robot.session.configure()
+    robot.session.activate()
+    robot.run(0.9 * IMU_RECOVERY_TIME - robot.now + 100.0)
+    with refused('standing', 'imu', RefusedError):
+        robot.session.release()
+    robot.run(0.2 * IMU_RECOVERY_TIME)
+    robot.session.release()
 
 
 @pytest.mark.parametrize('rearm', [False, True])

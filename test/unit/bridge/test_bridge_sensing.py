@@ -118,6 +118,7 @@ def test_without_a_required_imu_the_motion_is_unavailable():
     found = sensing(imu_required=True)
     take(found, 10.5)
     assert found.needs_imu(10.5) and found.motion(10.5) is None
+    found.imu_watch.silent = False  # has been steady
     found.imu(ImuReading(10.5, 0.0, 0.0, 9.81), 10.5)
     assert not found.needs_imu(10.5) and found.motion(10.5) is not None
     assert found.needs_imu(10.6) and found.motion(10.6) is None

@@ -164,7 +164,7 @@ def test_the_bridge_reads_a_sensor_itself_if_its_hardware_file_has_the_port(
                      black_box='', port='/dev/none')
     try:
         watch = node._session.sensing.imu_watch
-        wait_until(lambda: watch.usable(time.monotonic()))
+        wait_until(lambda: watch.has(time.monotonic()))
         last = node._session.fusion._waiting[-1]
         assert last.turn_rate == pytest.approx(0.25, abs=0.01)  # its left axis points right
         assert last.forward == pytest.approx(-0.5, abs=0.02)
