@@ -163,7 +163,7 @@ class DriveControl(Generic[Estimated]):
                 if estimate is not None and self.answer(estimate):
                     self._pacer = self._pacer.commanded()
                 now = self._clock()
-                self._watch(driver.telemetry, now)
+                self._watch(driver, now)
                 self._watch_imu(now)
                 self._derate(driver.telemetry, now)
                 self._act(driver, now, active and not self.supervisor.e_stop)
@@ -214,9 +214,7 @@ class DriveControl(Generic[Estimated]):
             self._begin_stop(driver, Event.WITHDRAWN)
 
     def stop(self) -> None:
-        """Stop and wait for the confirmation, if a drive is connected."""
-        if self.power.state is MotorState.ARMED:
-            self._change(Event.WITHDRAWN)
+        """After `withdraw`, stop and wait for the confirmation, if a drive is connected."""
         if self.line.driver is not None:
             try:
                 self.line.driver.stop(LAST_STOP)
@@ -232,10 +230,9 @@ class DriveControl(Generic[Estimated]):
         """Clear the faults of the drive and return those that remain; may raise `RefusedError`."""
         try:
             return driver.clear_faults(HANDSHAKE)
-        except DriveError as error:
-            raise RefusedError(str(error), 'failed', 'drive') from error
-        except LinkError as error:
-            self.disconnect(driver, error)
+        except (DriveError, LinkError) as error:
+            if isinstance(error, LinkError):
+                self.disconnect(driver, error)
             raise RefusedError(str(error), 'failed', 'drive') from error
         finally:
             self.sensing.restart(self._clock())  # no measurement was requested meanwhile
@@ -253,15 +250,15 @@ class DriveControl(Generic[Estimated]):
                 StopReason.LOST, EStop(StopReason.LOST, f'the line was lost: {error}'))
             self.line.disconnect(error)
 
-    def _watch(self, telemetry: Telemetry, now: float) -> None:
+    def _watch(self, driver: Driver, now: float) -> None:
         """Detect a drive that stopped answering or disarmed the motor by itself."""
-        status_age = self._status_age(telemetry, now)
+        status_age = self._status_age(driver.telemetry, now)
         silence = self.sensing.silence(now)
         if silence > RECONNECT_TIMEOUT:
             raise DriveError(f'the drive has not answered for {RECONNECT_TIMEOUT:g} s', 'silent',
                              'drive')
-        observed = self.power.observe(telemetry, silence, status_age)
-        if observed is not None and self.line.driver is not None:
+        observed = self.power.observe(driver.telemetry, silence, status_age)
+        if observed is not None:
             fault = observed.reason
             if fault is StopReason.HAZARD:  # arming again does not clear it
                 self.supervisor.trigger(observed)
@@ -269,7 +266,7 @@ class DriveControl(Generic[Estimated]):
                 observed = EStop(
                     StopReason.HELD_UP, 'the machine delayed the loop by more than the '
                     f'watchdog of the drive, {PAGE}: {observed.text}', observed.names)
-            self._begin_stop(self.line.driver, fault, observed)
+            self._begin_stop(driver, fault, observed)
 
     def _status_age(self, telemetry: Telemetry, now: float) -> float:
         """

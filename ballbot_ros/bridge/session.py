@@ -190,25 +190,21 @@ class Session:
             self._wanted = Wanted.ACTIVE
 
     def deactivate(self) -> None:
-        """Disable power, wait for the confirmation of the drive, and engage the e-stop."""
+        """Engage the e-stop, and wait until the drive confirms that it has disabled power."""
         with self.lock:
             if self._wanted is Wanted.ACTIVE:
                 self._wanted = Wanted.INACTIVE
-            for axis in self.axes:
-                axis.withdraw()
+            self.engage('deactivated', StopReason.DEACTIVATED)
             for axis in self.axes:
                 axis.stop()
-            self.engage('deactivated', StopReason.DEACTIVATED)
 
     def close(self) -> None:
-        """Stop the motor, close the link, engage the e-stop; raises nothing."""
+        """Engage the e-stop, stop the motor and close the link; raises nothing."""
         with self.lock:
             self._wanted = Wanted.CLOSED
-            for axis in self.axes:
-                axis.withdraw()
+            self.engage('the bridge was shut down', StopReason.CLOSED)
             for axis in self.axes:
                 axis.close()
-            self.engage('the bridge was shut down', StopReason.CLOSED)
 
     def command(self, torque: float, stamp: float) -> None:
         """
@@ -399,8 +395,6 @@ class Session:
 
     def _couple(self) -> None:
         """Apply the e-stop of one axis to all, and disconnect all if one is lost."""
-        if len(self.axes) == 1:
-            return
         if any(axis.line.driver is None for axis in self.axes):
             # Requests to one axis could feed the watchdog of another that cannot be stopped.
             trouble = next(axis.line.trouble for axis in self.axes if axis.line.driver is None)
