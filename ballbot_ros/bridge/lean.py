@@ -18,18 +18,16 @@ from ballbot_ros.steering import follow, LateralState, law, required_steering, s
 from ballbot_ros.steering.model import accelerations
 
 
-class LeanReadings(NamedTuple):
-    """Lateral state from encoder and observer, and speed of the ball [m/s]."""
-
-    state: LateralState
-    speed: float
-
-
 class LeanEstimate(NamedTuple):
-    """Readings and the time at which the drive measured them [s]."""
+    """Lateral state from encoder and observer; an `AxisEstimate`."""
 
-    stamp: float
-    readings: LeanReadings
+    stamp: float  # of the measurement [s]
+    state: LateralState
+    speed: float  # of the ball [m/s]
+
+    @property
+    def readings(self) -> 'LeanEstimate':
+        return self
 
 
 class LeanSensing(AxisSensing[LeanEstimate]):
@@ -80,7 +78,7 @@ class LeanSensing(AxisSensing[LeanEstimate]):
         else:
             if rate is None:
                 rate = (lean - before.lean) / pause
-            speed_before = self.estimate.readings.speed if self.estimate is not None else speed
+            speed_before = self.estimate.speed if self.estimate is not None else speed
             acceleration = (speed - speed_before) / pause
             check = check.moved(
                 accelerations(self._robot, before, speed, (rate - before.lean_rate) / pause,
@@ -89,7 +87,7 @@ class LeanSensing(AxisSensing[LeanEstimate]):
                 self._robot, before, 0.5 * (speed_before + speed), rate, pause,
                 acceleration)._replace(lean=lean)
         self._check = check
-        self.estimate = LeanEstimate(self.stamp, LeanReadings(self.state, speed))
+        self.estimate = LeanEstimate(self.stamp, self.state, speed)
         return self.estimate
 
     def motion(self, now: float) -> Optional[PendulumMotion]:
@@ -110,12 +108,12 @@ class LeanLaw:
                  forget: Callable[[], None]):
         self._robot, self._yaw_rate, self.forget = robot, yaw_rate, forget
 
-    def torque(self, readings: LeanReadings, in_force: float, e_stop: bool) -> float:
+    def torque(self, readings: LeanEstimate, in_force: float, e_stop: bool) -> float:
         """Return the torque for a lateral state, 0 without a set-point [N m]."""
         yaw_rate = self._yaw_rate()
         if e_stop or yaw_rate is None:
             self.forget()
             return 0.0
-        state, speed = readings
+        _, state, speed = readings
         return servo_torque(
             self._robot, state, speed, law(self._robot, state, speed, yaw_rate))
