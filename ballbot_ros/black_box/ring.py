@@ -35,7 +35,7 @@ BETWEEN = 0.9
 # Longest piece of traffic or text in one message [bytes].
 LONGEST_PIECE = 8192
 
-STATES = (MotorState.DISCONNECTED, MotorState.DISARMED, MotorState.ARMED, MotorState.STOPPING)
+STATES = tuple(MotorState)
 # Kinds of commands: name and unit.
 COMMANDS = (('torque', 'N m'), ('no torque', ''), ('pendulum angle', 'rad'),
             ('joint rate', 'rad/s'), ('speed', 'm/s'))
