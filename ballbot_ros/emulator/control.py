@@ -75,12 +75,12 @@ def _clear(emulator: Emulator, _: float, now: float) -> None:
 FAULTS = {
     'unplug': Fault('seconds; permanent if omitted', 'the device disappears, and returns under '
                     'another name', _plug_after, math.inf),
-    'plug': Fault('', 'the device returns', _plug, 0.0),
+    'plug': Fault('', 'the device returns', _plug),
     'silence': Fault('seconds', 'the drive receives but does not reply', _silence),
     'reboot': Fault('', 'the drive resets its state and ignores data while it boots',
-                    lambda emulator, _, now: emulator.device.reboot(now), 0.0),
+                    lambda emulator, _, now: emulator.device.reboot(now)),
     'over_current': Fault('', 'the drive trips as on a short circuit',
-                          lambda emulator, *_: emulator.device.over_current(), 0.0),
+                          lambda emulator, *_: emulator.device.over_current()),
     'temperature': Fault('degC', 'sets the temperature of the power stage; above its limit, the '
                          'drive trips', _sense('temperature'), least=-273.15, most=1000.0),
     'voltage': Fault('V', 'sets the supply voltage', _sense('bus_voltage'), most=1000.0),
@@ -90,10 +90,9 @@ FAULTS = {
                           least=-1e6, most=1e6),
     'slow_reader': Fault('bytes/s', 'limits the rate at which the drive reads', _slow_reader),
     'reset': Fault('', 'resets the ball to the start of its scene',
-                   lambda emulator, *_: emulator.ball.reset(), 0.0),
+                   lambda emulator, *_: emulator.ball.reset()),
     'clear': Fault('', 'ends all faults of line, supply, temperature, switch and encoder, and '
-                   'plugs the device in', _clear,
-                   0.0),
+                   'plugs the device in', _clear),
 }
 # Faults of single bytes: each field of `LineFaults`; an optional second word is the direction.
 LINE_FAULTS = {name: item.metadata for name, item in LineFaults.__dataclass_fields__.items()}
@@ -121,10 +120,10 @@ def execute(emulator: Emulator, line: str) -> str:
         emulator.call(change)
     elif name in FAULTS:
         fault = FAULTS[name]
-        number = _number(name, words, fault.default)
-        if fault.argument == '' and words:
+        if words and not fault.argument:
             raise ConfigurationError(f'{name} takes no number, got {words[0]!r}',
                                      'wrong_type', name)
+        number = _number(name, words, fault.default if fault.argument else 0.0)
         if not fault.least <= number <= fault.most:
             raise ConfigurationError(
                 f'{name}: the number must be at least {fault.least:g} and at most '

@@ -12,8 +12,6 @@ from ballbot_ros.bridge.realtime import DEFAULT_PRIORITY, PERMIT, permits
 from ballbot_ros.drives import (
     driver_class, DRIVES, line_of, open_driver, open_line, read_options, SERIAL)
 from ballbot_ros.drives.can_transport import up_command
-from ballbot_ros.drives.contract import DriveOptions, SerialLine
-from ballbot_ros.drives.driver import Driver
 from ballbot_ros.drives.transport import ports
 from ballbot_ros.errors import BallbotError, DriveError, LinkError
 
@@ -195,21 +193,22 @@ def _wrong_drive(hardware: Hardware, error: Union[DriveError, LinkError],
                    f'set baud: {baud} in the file, or change it in the drive')
 
 
-def probe(port: str, protocol: str = '', baud: int = 0,
-          progress: Callable[[str], None] = lambda text: None) -> Optional[Tuple[str, int]]:
+def probe(port: str, protocol: str, baud: int,
+          progress: Callable[[str], None]) -> Optional[Tuple[str, int]]:
     """
     Return protocol and baud rate of the drive on a port, None if none answers.
 
-    A given protocol and baud rate come first, then the other protocols of the same kind of link at
-    that rate.  On a CAN bus only that rate is tried: another one would disturb all nodes on the
-    bus.
+    The given protocol and baud rate come first, then the other protocols of the same kind of link
+    at that rate.  On a CAN bus only that rate is tried: another one would disturb all nodes on
+    the bus.
     """
     for name, rate in _guesses(protocol, baud):
         progress(f'trying {name} at {rate} baud')
         try:
             line = open_line(name, port, rate)
             try:
-                _driver(name, line).identify(REPLY_TIMEOUT)
+                options = read_options(name, {'torque_limit': 1e-3}, 'probe')
+                open_driver(name, line, options).identify(REPLY_TIMEOUT)
             finally:
                 line.close()
             return name, rate
@@ -223,21 +222,16 @@ def probe(port: str, protocol: str = '', baud: int = 0,
 
 
 def _guesses(protocol: str, baud: int) -> List[Tuple[str, int]]:
-    kind = line_of(protocol) if protocol else SERIAL
+    kind = line_of(protocol)
     names = sorted((name for name in DRIVES if line_of(name) is kind),
                    key=lambda name: name != protocol)
-    guesses = [(name, baud) for name in names if baud]
+    guesses = [(name, baud) for name in names]
     if kind is not SERIAL:
         return guesses
     rates = {name: driver_class(name).baud_rates for name in names}
     for turn in range(max(len(each) for each in rates.values())):
         guesses += [(name, rates[name][turn]) for name in names if turn < len(rates[name])]
     return list(dict.fromkeys(guesses))
-
-
-def _driver(protocol: str, line: SerialLine) -> Driver:
-    options: DriveOptions = read_options(protocol, {'torque_limit': 1e-3}, 'probe')
-    return open_driver(protocol, line, options)
 
 
 def examine(hardware_name: str, port: str, environment: Mapping[str, str],

@@ -255,10 +255,10 @@ def test_the_most_likely_settings_are_tried_first_and_none_twice(monkeypatch):
 
 def test_every_protocol_is_tried_at_every_rate_that_it_supports(monkeypatch):
     port = Port(monkeypatch, 'nothing', 0)
-    assert probe('x') is None
+    assert probe('x', 'odrive', 115200, lambda text: None) is None
     assert set(port.tried) == {
         (name, rate) for name in DRIVES if line_of(name) is SERIAL
-        for rate in driver_class(name).baud_rates}
+        for rate in {115200, *driver_class(name).baud_rates}}
 
 
 def test_can_interfaces_are_listed_and_an_inactive_one_with_the_command_that_enables_it(tmp_path):
@@ -282,7 +282,7 @@ def test_no_answer_on_a_can_bus_suggests_a_check_of_the_termination():
 
 def test_on_a_can_bus_only_can_protocols_are_tried_and_only_at_its_bit_rate(monkeypatch):
     port = Port(monkeypatch, 'nothing', 0)
-    assert probe('can0', 'vesc_can', 500000) is None
+    assert probe('can0', 'vesc_can', 500000, lambda text: None) is None
     assert set(port.tried) == {
         (name, 500000) for name in DRIVES if line_of(name) is not SERIAL}
     assert port.tried[0][0] == 'vesc_can'
