@@ -114,7 +114,6 @@ class DriveControl(Generic[Estimated]):
 
     Attributes
     ----------
-    power : Power
     law : AxisLaw or None
         Computes a torque for each estimate; None: torque commands come from a topic.
     counts : Counter

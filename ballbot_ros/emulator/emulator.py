@@ -136,15 +136,6 @@ class Emulator:
         Whether a second motor, with the same gear, leans the pendulum: that on M2 of a RoboClaw,
         or one with a separate drive at the next address of the CAN bus.
 
-    Attributes
-    ----------
-    torque : float
-        At the motor shaft now [N m].
-    log : deque of Applied
-        Every change of the torque, oldest first.
-    dropped : int
-        Periods of the model that were skipped because the machine was too slow.
-
     Raises
     ------
     ConfigurationError
@@ -170,7 +161,7 @@ class Emulator:
         self.to_drive, self.from_drive = Direction(baud, rng), Direction(baud, rng)
         self.terminal = (
             PseudoTerminal if line_of(protocol) is SERIAL else SlcanAdapter)(link)
-        self.log: Deque[Applied] = deque(maxlen=LONGEST_LOG)  # oldest first
+        self.log: Deque[Applied] = deque(maxlen=LONGEST_LOG)  # changes of the torque
         self.encoder_jump = 0.0  # [rad at the motor shaft]
         self.silent_until = -math.inf  # until then the drive sends nothing [s]
         self.plug_at = math.inf
@@ -203,7 +194,7 @@ class Emulator:
 
     @property
     def dropped(self) -> int:
-        """Return the number of skipped periods of the model."""
+        """Return the number of periods of the model skipped because the machine is too slow."""
         return self._pace.dropped
 
     def imu(self) -> ImuSample:
