@@ -16,6 +16,7 @@ from ballbot_ros.bridge.commissioning.doctor import (
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.cli.command import main
 from ballbot_ros.drives import driver_class, DRIVES, line_of, SERIAL
+from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.control import execute
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.errors import DriveError, LinkError
@@ -71,57 +72,46 @@ def test_bad_port_busy_port_wrong_protocol_and_wrong_baud_are_distinguished(vesc
     assert 'fuser' in findings[3].what
 
 
-def test_unsafe_settings_are_wrong_and_have_a_command_as_remedy():
-    from ballbot_ros.emulator.ball import settings_for
+def findings_of_odrive(act=lambda drive: None, **settings):
+    """Return the findings about an emulated ODrive with other settings, after an action."""
     scene = load_scene('flat')
-    settings = settings_for(scene.model.robot, watchdog=0.0)
-    with Emulator('odrive', scene, baud=921600, settings=settings) as drive:
-        findings = list(check_drive(hardware(port=drive.path)))
+    with Emulator('odrive', scene, baud=921600,
+                  settings=settings_for(scene.model.robot, **settings)) as drive:
+        act(drive)
+        return list(check_drive(hardware(port=drive.path)))
+
+
+def test_unsafe_settings_are_wrong_and_have_a_command_as_remedy():
+    findings = findings_of_odrive(watchdog=0.0)
     wrong = only_wrong(findings)
     assert 'watchdog' in wrong.what and 'w axis0.config' in wrong.remedy
     assert findings[-1].verdict == NOTE and findings[-1].remedy.startswith('ss ')
 
 
 def test_factory_settings_of_an_odrive_are_each_reported_with_a_command():
-    from ballbot_ros.emulator.ball import settings_for
-    scene = load_scene('flat')
-    settings = settings_for(scene.model.robot, quirks=('factory',))
-    with Emulator('odrive', scene, baud=921600, settings=settings) as drive:
-        findings = list(check_drive(hardware(port=drive.path)))
-    wrong = [finding for finding in findings if finding.verdict == WRONG]
+    wrong = [finding for finding in findings_of_odrive(quirks=('factory',))
+             if finding.verdict == WRONG]
     assert [finding.what.split(',')[0] for finding in wrong] == [
         'torque limit 0.4 N m', 'watchdog off', 'velocity limit in torque mode 2 turn/s',
         'overspeed error 2.4 turn/s', 'braking 0.01 A into the supply', 'encoder 0 (not ready)']
     assert all(finding.remedy.startswith('w ') for finding in wrong)
 
 
-def odrive(firmware):
-    """Return an emulated ODrive."""
-    from ballbot_ros.emulator.ball import settings_for
-    scene = load_scene('flat')
-    return Emulator('odrive', scene, baud=921600,
-                    settings=settings_for(scene.model.robot, firmware=firmware))
-
-
 @pytest.mark.parametrize('firmware, board', [('0.5', 'v3.6-56V'), ('0.6', 'S1 (5.2.0)')])
 def test_the_generation_of_the_firmware_is_named(firmware, board):
-    with odrive(firmware) as drive:
-        findings = list(check_drive(hardware(port=drive.path)))
+    findings = findings_of_odrive(firmware=firmware)
     assert all(finding.verdict == OK for finding in findings)
     assert board in findings[0].what and findings[0].what.endswith(f', generation {firmware}')
 
 
 def test_unsupported_firmware_is_not_reported_as_a_wrong_baud_rate():
-    with odrive('0.6') as drive:
-        drive.call(lambda: drive.device.properties.update(fw_version_minor=7))
-        wrong = only_wrong(check_drive(hardware(port=drive.path)))
+    wrong = only_wrong(findings_of_odrive(
+        lambda drive: drive.device.properties.update(fw_version_minor=7), firmware='0.6'))
     assert 'must be 0.5 or 0.6, got 0.7.11' in wrong.what and 'firmware' in wrong.remedy
 
 
 def test_late_replies_are_not_reported_as_a_drive_that_does_not_answer():
-    with odrive('0.5') as drive:
-        execute(drive, 'delay 0.07 from')
-        wrong = only_wrong(check_drive(hardware(port=drive.path)))
+    wrong = only_wrong(findings_of_odrive(lambda drive: execute(drive, 'delay 0.07 from')))
     assert 'too late' in wrong.what and 'reply_timeout is 0.05 s' in wrong.what
     assert 'no known drive' not in wrong.remedy
 
