@@ -98,6 +98,8 @@ class VirtualRobot(MemoryLine):
         Tuning of the onboard control laws; empty for direct control.
     steering : bool
         Whether a second motor leans the pendulum.
+    quirks : sequence of str
+        Quirks of the drive.
 
     Attributes
     ----------
@@ -121,7 +123,7 @@ class VirtualRobot(MemoryLine):
     """
 
     def __init__(self, protocol='odrive', imu=True, settings=None, held=False, terrain=None,
-                 onboard='', steering=False, **limits):
+                 onboard='', steering=False, quirks=(), **limits):
         protocol, _, firmware = protocol.partition(' ')
         self.hardware = read_hardware(f'gimball_{protocol}')
         if steering:
@@ -139,7 +141,7 @@ class VirtualRobot(MemoryLine):
         torque = self.hardware.options().torque_limit
         settings = replace(settings or DriveSettings(
             torque_limit=torque, current_limit=torque / DriveSettings.torque_constant),
-            firmware=firmware)
+            firmware=firmware, quirks=quirks)
         own_port = steering and not driver_class(protocol).shares_line
         super().__init__(TwoPorts(device_class(protocol), settings) if own_port
                          else new_device(protocol, settings, steering), LINE_TIME)

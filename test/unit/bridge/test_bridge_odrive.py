@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Behaviour of the firmware of an ODrive, each case in a complete session."""
-from dataclasses import replace
 from itertools import product
 import re
 
@@ -17,13 +16,6 @@ from ballbot_ros.errors import ConfigurationError, DriveError, LinkError, Refuse
 KINDS = ('odrive 0.5', 'odrive 0.6')
 both = pytest.mark.parametrize('kind', KINDS)
 CONTROLLER = 'axis0.controller.config.'
-
-
-def robot_with(kind, *quirks):
-    """Return a robot whose drive has quirks."""
-    robot = VirtualRobot(kind)
-    robot.device.__init__(replace(robot.device.settings, quirks=quirks))
-    return robot
 
 
 def type_lines(robot, *lines):
@@ -45,7 +37,7 @@ def refusal(robot, field):
 
 @both
 def test_a_drive_with_factory_velocity_limits_is_refused_with_the_lines_to_type(kind):
-    robot = robot_with(kind, 'vel_limit')
+    robot = VirtualRobot(kind, quirks=('vel_limit',))
     refused_with = refusal(robot, 'velocity limit in torque mode')
     assert 'overspeed error' in refused_with
     line = f'w {CONTROLLER}vel_limit 144'
@@ -70,14 +62,14 @@ def test_with_factory_limits_a_rolling_ball_would_be_disarmed():
 
 @both
 def test_a_drive_without_regeneration_is_refused_and_the_remedy_corrects_it(kind):
-    robot = robot_with(kind, 'regeneration')
+    robot = VirtualRobot(kind, quirks=('regeneration',))
     type_lines(robot, *re.findall(
         r'w config\.dc_max_negative_current -[\d.]+', refusal(robot, 'braking')))
     assert robot.ready().run(0.2, torque=0.5).state is MotorState.ARMED
 
 
 def test_a_drive_with_factory_settings_works_after_all_remedies():
-    robot = robot_with('odrive 0.5', 'factory')
+    robot = VirtualRobot('odrive 0.5', quirks=('factory',))
     refused_with = refusal(robot, 'torque limit')
     lines = re.findall(r'w [\w.]+ [-+\w.]+', refused_with)
     calibration = 'w axis0.requested_state 3'  # before the watchdog, which is not fed yet
@@ -102,7 +94,7 @@ def test_old_firmware_is_refused_with_its_version():
 
 
 def test_0_5_4_reports_the_cause_of_a_disarm_although_it_truncates_the_number():
-    robot = robot_with('odrive 0.5', '0.5.4').ready()
+    robot = VirtualRobot('odrive 0.5', quirks=('0.5.4',)).ready()
     robot.device.properties[CONTROLLER + 'vel_limit'] = 2.0
     report = robot.run(1.0, torque=1.5)
     assert {'MOTOR_ERROR_UNKNOWN_VOLTAGE_COMMAND', 'CONTROLLER_ERROR_OVERSPEED'} \

@@ -13,13 +13,6 @@ from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.errors import ConfigurationError, DriveError
 
 
-def with_quirks(protocol, *quirks):
-    """Return a robot whose drive has quirks."""
-    robot = VirtualRobot(protocol)
-    robot.device.__init__(replace(robot.device.settings, quirks=quirks))
-    return robot
-
-
 @pytest.mark.parametrize('idle', [
     *slow(*(0.102 + 0.004 * number for number in range(12))),
     *(0.1 + 0.004 * number for number in range(13))])
@@ -36,7 +29,7 @@ def test_a_vesc_is_armed_after_any_idle_time(idle):
 
 @pytest.mark.slow
 def test_the_kill_switch_of_a_vesc_ends_the_torque_until_the_next_release():
-    robot = with_quirks('vesc', 'kill_switch').ready()
+    robot = VirtualRobot('vesc', quirks=('kill_switch',)).ready()
     robot.run(0.1, torque=0.5)
     assert robot.motor > 0.0
     robot.stop_switch = 1.0
@@ -64,7 +57,7 @@ def test_a_vesc_with_old_firmware_is_refused_with_its_version():
 
 
 def test_a_vesc_without_regeneration_is_refused():
-    robot = with_quirks('vesc', 'regen_limit')
+    robot = VirtualRobot('vesc', quirks=('regen_limit',))
     with refused('inconsistent', 'braking power', ConfigurationError):
         robot.session.configure()
 
@@ -115,7 +108,7 @@ def test_the_e_stop_input_of_a_roboclaw_is_named():
 
 
 def test_the_serial_timeout_of_a_roboclaw_is_set_at_every_start():
-    robot = with_quirks('roboclaw')
+    robot = VirtualRobot('roboclaw')
     robot.device.__init__(replace(robot.device.settings, watchdog=0.0))
     robot.ready()
     robot.run(0.1, torque=0.5)
@@ -130,7 +123,7 @@ def test_the_serial_timeout_of_a_roboclaw_is_set_at_every_start():
 
 
 def test_a_roboclaw_without_a_serial_timeout_is_refused():
-    robot = with_quirks('roboclaw', 'no_timeout')
+    robot = VirtualRobot('roboclaw', quirks=('no_timeout',))
     with refused('inconsistent', 'watchdog', ConfigurationError):
         robot.session.configure()
 
