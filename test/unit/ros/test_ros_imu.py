@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node imu with an emulated sensor on a pseudo-terminal."""
-import threading
+from itertools import count
 import time
 from types import SimpleNamespace
 
@@ -11,10 +11,9 @@ from waiting import wait_until
 import yaml
 
 from ballbot_ros.config.files import config_folder
-from ballbot_ros.emulator.terminal import PseudoTerminal
+from ballbot_ros.emulator.imu_line import ImuLine
 from ballbot_ros.errors import LinkError
 from ballbot_ros.imus.source import ImuPort, StampedReading
-from ballbot_ros.imus.witmotion.emulated import EmulatedWitMotion
 from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading
 from ballbot_ros.nodes.bridge.node import Bridge
 from ballbot_ros.nodes.imu import publisher as imu
@@ -23,39 +22,18 @@ from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import to_seconds
 
 
-class Sensor:
-    """A sensor on a pseudo-terminal, in a thread."""
-
-    def __init__(self):
-        self.device, self.terminal = EmulatedWitMotion(), PseudoTerminal()
-        self.commands = []
-        self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def _run(self):
-        number = 0
-        while not self._ending.wait(0.0005):
-            number += 1
-            self.device.force = (0.5, 0.0, 9.81 + 0.01 * (number % 5))
-            data, received = self.device.tick(time.monotonic()), self.terminal.read()
-            if self.terminal.baud == self.device.baud:
-                self.terminal.write(data)
-                self.device.receive(received)
-
-    def end(self):
-        """Unplug the sensor."""
-        self._ending.set()
-        self._thread.join()
-        self.terminal.unplug()
-
-
 @pytest.fixture
 def sensor():
-    """Return a sensor with factory settings."""
-    found = Sensor()
+    """Return a sensor with factory settings, whose readings do not repeat."""
+    found = ImuLine()
+    tick, number = found.device.tick, count()
+
+    def noisy(now):
+        found.device.force = (0.5, 0.0, 9.81 + 0.01 * (next(number) % 5))
+        return tick(now)
+    found.device.tick = noisy
     yield found
-    found.end()
+    found.stop()
 
 
 @pytest.fixture
@@ -71,7 +49,7 @@ def published(monkeypatch):
 def test_a_sensor_with_factory_settings_gives_messages_that_the_bridge_accepts(
         make_node, sensor, published):
     sensor.device.turn_rate = (0.0, 0.25, 0.0)
-    node = make_node(ImuNode, port=sensor.terminal.path)
+    node = make_node(ImuNode, port=sensor.path)
     try:
         wait_until(lambda: len(published) > 100)
         message = published[-1]
@@ -158,7 +136,7 @@ def test_the_bridge_reads_a_sensor_itself_if_its_hardware_file_has_the_port(
         make_node, sensor, tmp_path):
     sensor.device.turn_rate = (0.0, 0.25, 0.0)
     content = yaml.safe_load((config_folder() / 'hardware' / 'gimball_odrive.yaml').read_text())
-    content['imu_port'] = {'port': sensor.terminal.path, 'axes': '-x -y z'}
+    content['imu_port'] = {'port': sensor.path, 'axes': '-x -y z'}
     (tmp_path / 'hardware.yaml').write_text(yaml.safe_dump(content))
     node = make_node(Bridge, hardware=str(tmp_path / 'hardware.yaml'), autostart=False,
                      black_box='', port='/dev/none')
@@ -169,7 +147,7 @@ def test_the_bridge_reads_a_sensor_itself_if_its_hardware_file_has_the_port(
         assert last.turn_rate == pytest.approx(0.25, abs=0.01)  # its left axis points right
         assert last.forward == pytest.approx(-0.5, abs=0.02)
         assert not node._inputs.imu_refused
-        sensor.end()
+        sensor.stop()
         wait_until(lambda: not watch.has(time.monotonic()))
     finally:
         node.make_safe()
