@@ -98,14 +98,17 @@ def test_an_imu_that_never_sent_a_reading_is_silent_but_not_a_fault():
     assert watch.silent and watch.silences == 0
 
 
-def test_the_first_readings_permit_no_release_until_the_imu_is_steady():
+def test_a_release_requires_readings_and_a_steady_imu_from_the_first_one_on():
     robot = VirtualRobot()
     robot.session.sensing.imu_watch = ImuWatch()
+    imu, robot._imu = robot._imu, None
     robot.session.configure()
     robot.session.activate()
-    robot.run(0.9 * IMU_RECOVERY_TIME - robot.now + 100.0)
-    with refused('standing', 'imu', RefusedError):
-        robot.session.release()
+    for readings, seconds in ((None, 0.1), (imu, 0.9 * IMU_RECOVERY_TIME)):
+        robot._imu = readings
+        robot.run(seconds)
+        with refused('standing', 'imu', RefusedError):
+            robot.session.release()
     robot.run(0.2 * IMU_RECOVERY_TIME)
     robot.session.release()
 

@@ -3,18 +3,7 @@
 import math
 
 import pytest
-from virtual_robot import STEP, VirtualRobot
-
-from ballbot_ros.bridge.hardware_file import load_hardware
-from ballbot_ros.bridge.sensing import Sensing
-from ballbot_ros.drives.contract import Telemetry
-from ballbot_ros.estimation import ImuReading
-from ballbot_ros.physics import load_robot
-
-
-def take(sensing, time):
-    """Feed an answer of a drive whose motor is at rest."""
-    sensing.take(Telemetry(time=time, measured=time, position=0.0))
+from virtual_robot import VirtualRobot
 
 
 def test_odometry_follows_a_ball_under_torque():
@@ -27,24 +16,6 @@ def test_odometry_follows_a_ball_under_torque():
     assert distance > 0.3
     assert abs(found.position - start - distance) < 3.0 * math.sqrt(found.position_variance) < 0.1
     assert found.speed == pytest.approx(robot.plant.state.velocity_x, abs=0.02)
-
-
-def test_speed_is_reported_at_the_last_imu_reading_unless_that_is_stale():
-    sensing = Sensing(load_hardware('gimball_odrive'), load_robot('gimball'))
-    sensing.begin(10.0)
-    for number in range(1, 11):
-        sensing.fusion.imu(ImuReading(10.0 + number * STEP, 0.0, 0.0, 9.81))
-        take(sensing, 10.0 + number * STEP)
-    for number in range(11, 20):  # the IMU is late
-        take(sensing, 10.0 + number * STEP)
-    steady, newest = sensing.steady_odometry(), sensing.odometry
-    assert steady.stamp == pytest.approx(10.02) and newest.stamp == pytest.approx(10.038)
-    assert steady.speed_variance < 0.01 * newest.speed_variance
-    take(sensing, 10.06)
-    assert sensing.steady_odometry() is sensing.odometry
-    sensing.fusion.imu(ImuReading(10.061, 0.0, 0.0, 9.81))
-    take(sensing, 10.062)
-    assert sensing.steady_odometry().stamp == pytest.approx(10.061)
 
 
 def test_without_an_imu_the_newest_odometry_is_reported():

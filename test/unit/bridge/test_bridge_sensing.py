@@ -77,10 +77,6 @@ def test_an_answer_is_expected_from_the_request_until_it_arrives():
     assert not found.expecting
 
 
-def test_without_a_request_no_answer_is_overdue():
-    assert Sensing(load_hardware('gimball_odrive'), ROBOT).silence(20.0) == 0.0
-
-
 def test_silence_counts_from_the_first_unanswered_request():
     found = sensing()
     assert found.silence(20.0) == 0.0
@@ -123,6 +119,23 @@ def test_without_a_required_imu_the_motion_is_unavailable():
     assert not found.needs_imu(10.5) and found.motion(10.5) is not None
     assert found.needs_imu(10.6) and found.motion(10.6) is None
     assert not sensing().needs_imu(10.5)
+
+
+def test_speed_is_reported_at_the_last_imu_reading_unless_that_is_stale():
+    found = sensing()
+    for number in range(1, 20):
+        now = 10.0 + 0.002 * number
+        if number <= 10:  # later the IMU is late
+            found.fusion.imu(ImuReading(now, 0.0, 0.0, 9.81))
+        take(found, now)
+    steady, newest = found.steady_odometry(), found.odometry
+    assert steady.stamp == pytest.approx(10.02) and newest.stamp == pytest.approx(10.038)
+    assert steady.speed_variance < 0.01 * newest.speed_variance
+    take(found, 10.06)
+    assert found.steady_odometry() is found.odometry
+    found.fusion.imu(ImuReading(10.061, 0.0, 0.0, 9.81))
+    take(found, 10.062)
+    assert found.steady_odometry().stamp == pytest.approx(10.061)
 
 
 def test_a_stored_encoder_zero_gives_the_joint_angle_only_with_an_imu():

@@ -124,19 +124,6 @@ def test_the_e_stop_is_not_released_before_the_bridge_is_active():
         robot.session.release()
 
 
-def test_without_an_imu_there_is_no_torque_unless_the_file_allows_it():
-    robot = VirtualRobot()
-    robot._imu = None
-    robot.session.configure()
-    robot.session.activate()
-    robot.run(0.1)
-    with refused('standing', 'imu', RefusedError):
-        robot.session.release()
-    free = VirtualRobot(imu=False).ready()
-    free.run(0.1, torque=0.5)
-    assert free.motor > 0.0
-
-
 @pytest.mark.parametrize('protocol', PROTOCOLS)
 def test_the_answer_arrives_within_the_period_of_its_request(protocol):
     robot = VirtualRobot(protocol).ready()
@@ -208,14 +195,6 @@ def test_more_commands_than_periods_do_not_overload_the_line():
     assert 100 <= sent <= 203  # a request and a torque per period
     robot.session.tick()
     assert robot.session.supervisor.torque == pytest.approx(0.104)  # the newest command counts
-
-
-def test_an_imu_timeout_ends_the_torque():
-    robot = VirtualRobot().ready()
-    robot.run(0.2, torque=1.0)
-    robot._imu = None
-    robot.run(0.1, torque=1.0)
-    assert robot.motor == 0.0
 
 
 @pytest.mark.parametrize('protocol, end', pairs(ALL, ['engage', 'deactivate', 'close']))

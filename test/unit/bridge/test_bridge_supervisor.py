@@ -64,16 +64,14 @@ def test_after_a_timeout_the_next_command_is_followed_again():
     assert follow(supervisor, 1.0, 0.5, 0.1) == 1.0 and not supervisor.timed_out
 
 
-@pytest.mark.parametrize('policy, motion, expected', [
-    ('coast', Motion(0.5, 2.0, 3.0), 0.0), ('brake', Motion(0.5, 2.0, 3.0), -0.9),
-    ('settle', Motion(0.5, 2.0, 3.0), -0.6)])
-def test_the_timeout_policy_is_applied_and_ends(policy, motion, expected):
+@pytest.mark.parametrize('policy, expected', [('coast', 0.0), ('brake', -0.9), ('settle', -0.6)])
+def test_the_timeout_policy_is_applied_for_its_configured_time(policy, expected):
     supervisor = released(on_timeout=policy, damping=0.3, damping_time=1.0,
                           torque_rate_limit=1e6)
     follow(supervisor, 1.0, 0.0, 0.1)
-    supervisor.decide(0.3, motion)
-    assert supervisor.decide(0.302, motion) == pytest.approx(expected)
-    assert supervisor.decide(1.4, motion) == 0.0
+    for now, torque in ((0.5, expected), (1.5, expected), (1.5001, 0.0)):
+        assert supervisor.decide(now, Motion(0.5, 2.0, 3.0)) == pytest.approx(torque)
+    assert supervisor.counts['timeouts'] == 1
 
 
 def test_the_e_stop_is_engaged_at_start_with_that_reason():
@@ -119,10 +117,6 @@ def test_beyond_a_limit_the_rate_limit_does_not_prolong_outward_torque(motion):
     assert follow(supervisor, 3.0, 0.0, 0.1) == pytest.approx(3.0)
     supervisor.offer(-3.0, 0.102, 0.102)
     assert -0.5 <= supervisor.decide(0.102, motion) < 0.0
-
-
-def test_there_is_no_torque_if_the_motion_is_unknown():
-    assert follow(released(), 1.0, 0.0, 0.1, None) == 0.0
 
 
 def test_the_first_reason_for_the_e_stop_is_kept_and_counted_once():
@@ -178,20 +172,11 @@ def test_a_loop_slower_than_the_timeout_accepts_commands_up_to_half_a_period_old
 
 
 @pytest.mark.parametrize('policy', ['coast', 'brake', 'settle'])
-def test_after_a_timeout_there_is_no_torque_if_the_motion_is_unknown(policy):
+def test_there_is_no_torque_if_the_motion_is_unknown_even_after_a_timeout(policy):
     supervisor = released(on_timeout=policy)
-    follow(supervisor, 1.0, 0.0, 0.1)
-    assert supervisor.decide(0.3, None) == 0.0
-
-
-def test_the_replacement_of_commands_lasts_for_its_configured_time():
-    supervisor = released(on_timeout='brake', damping=0.5, damping_time=1.0,
-                          torque_rate_limit=1e6)
-    turning = Motion(0.0, 1.0, -1.0)
-    follow(supervisor, 1.0, 0.0, 0.1)
-    for now, torque in ((0.5, 0.5), (1.5, 0.5), (1.5001, 0.0)):
-        assert supervisor.decide(now, turning) == pytest.approx(torque)
-    assert supervisor.counts['timeouts'] == 1
+    assert follow(supervisor, 1.0, 0.0, 0.1, None) == 0.0
+    follow(supervisor, 1.0, 0.1, 0.1)
+    assert supervisor.decide(0.4, None) == 0.0 and supervisor.timed_out
 
 
 def test_the_torque_starts_from_zero_after_a_stop_of_any_duration():
