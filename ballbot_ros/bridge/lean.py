@@ -30,17 +30,18 @@ class LeanEstimate(NamedTuple):
         return self
 
 
-class LeanSensing(AxisSensing[LeanEstimate]):
+class LateralAxis(AxisSensing[LeanEstimate]):
     """
-    Converts telemetry of the lateral drive to lateral states.
+    Converts telemetry of the lateral drive to lateral states, and these to torques; an `AxisLaw`.
 
     The hardware is that of the lateral axis; `speed` returns the speed of the ball [m/s], or None
-    while it is unknown.
+    while it is unknown, `yaw_rate` the commanded yaw rate [rad/s], or None without a set-point.
     """
 
-    def __init__(self, hardware: Hardware, robot: Robot, speed: Callable[[], Optional[float]]):
+    def __init__(self, hardware: Hardware, robot: Robot, speed: Callable[[], Optional[float]],
+                 yaw_rate: Callable[[], Optional[float]]):
         super().__init__(hardware)
-        self._robot, self._speed = robot, speed
+        self._robot, self._speed, self._yaw_rate = robot, speed, yaw_rate
         self._largest_torque = required_steering(robot).largest_torque
         self._zero = hardware.joint.encoder_zero
         self._given_zero = self._zero
@@ -95,25 +96,12 @@ class LeanSensing(AxisSensing[LeanEstimate]):
             return None
         return PendulumMotion(self.state.lean, self.state.lean_rate, self.state.lean_rate)
 
-
-class LeanLaw:
-    """
-    Computes the torque of the lateral axis; an `AxisLaw`.
-
-    `yaw_rate` returns the commanded yaw rate [rad/s], None without a set-point; `forget` restarts
-    the observer.
-    """
-
-    def __init__(self, robot: Robot, yaw_rate: Callable[[], Optional[float]],
-                 forget: Callable[[], None]):
-        self._robot, self._yaw_rate, self.forget = robot, yaw_rate, forget
-
     def torque(self, readings: LeanEstimate, in_force: float, e_stop: bool) -> float:
-        """Return the torque for a lateral state, 0 without a set-point [N m]."""
+        """Return the torque for an estimate, 0 without a set-point [N m]."""
         yaw_rate = self._yaw_rate()
         if e_stop or yaw_rate is None:
             self.forget()
             return 0.0
-        _, state, speed = readings
+        state, speed = readings.state, readings.speed
         return servo_torque(
             self._robot, state, speed, law(self._robot, state, speed, yaw_rate))

@@ -19,7 +19,7 @@ from typing import Any, Callable, List, NamedTuple, Optional, Tuple
 from ballbot_ros.bridge.condition import Condition
 from ballbot_ros.bridge.drive_control import DriveControl
 from ballbot_ros.bridge.hardware_file import Hardware
-from ballbot_ros.bridge.lean import LeanLaw, LeanSensing
+from ballbot_ros.bridge.lean import LateralAxis
 from ballbot_ros.bridge.motor_state import MEASUREMENT_AGE_MAX, MotorState
 from ballbot_ros.bridge.observer import SessionObserver
 from ballbot_ros.bridge.sensing import Estimated, IMU_RECOVERY_TIME, Sensing
@@ -121,7 +121,7 @@ class Session:
         self.fusion: Fusion = self.sensing.fusion
         self.control = DriveControl(hardware, self.sensing, connect, clock, observer, law)
         self.axes: Tuple[DriveControl[Any], ...] = (self.control,)
-        self.lateral: Optional[LeanSensing] = None
+        self.lateral: Optional[LateralAxis] = None
         self.course: Optional[GroundTrack] = None
         if hardware.steering is not None:
             if law is None or connect_lateral is None:
@@ -129,10 +129,10 @@ class Session:
                     f'{hardware.name}: the lateral axis requires onboard control: use '
                     'control:=onboard, or remove the section steering', 'inconsistent', 'control')
             lateral = hardware.lateral(robot)
-            self.lateral, self.course = LeanSensing(lateral, robot, self._speed), GroundTrack()
+            self.lateral = LateralAxis(lateral, robot, self._speed, self._yaw_rate)
+            self.course = GroundTrack()
             self.axes += (DriveControl(
-                lateral, self.lateral, connect_lateral, clock, observer,
-                LeanLaw(robot, self._yaw_rate, self.lateral.forget)),)
+                lateral, self.lateral, connect_lateral, clock, observer, self.lateral),)
         for axis in self.axes:
             axis.others = tuple(other for other in self.axes if other is not axis)
         self.line, self.supervisor = self.control.line, self.control.supervisor

@@ -14,7 +14,7 @@ from virtual_robot import STEP, VirtualRobot
 
 from ballbot_ros.bridge.feasibility import wire_budget
 from ballbot_ros.bridge.hardware_file import load_hardware, read_hardware
-from ballbot_ros.bridge.lean import LeanSensing
+from ballbot_ros.bridge.lean import LateralAxis
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.bridge.session import Session
 from ballbot_ros.bridge.supervisor import EStop, StopReason
@@ -42,7 +42,7 @@ def test_the_lean_observer_stays_within_the_range_of_its_model(seed):
     choose, speed, now, lean, rate = random.Random(seed), 0.4, 0.0, 0.0, 0.0
     hardware = load_hardware('gimball_roboclaw_steering')
     gear = hardware.steering.gear_ratio
-    sensing = LeanSensing(hardware.lateral(GIMBALL), GIMBALL, lambda: speed)
+    sensing = LateralAxis(hardware.lateral(GIMBALL), GIMBALL, lambda: speed, lambda: None)
     sensing.begin(now)
     for _ in range(1500):
         pause = choose.choice((0.0005, 0.002, 0.01, 0.03))
