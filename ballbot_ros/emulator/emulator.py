@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """An emulated motor controller on a serial device, in real time, which drives a ball."""
 from collections import deque
+from concurrent import futures
 from dataclasses import replace
 import math
 from pathlib import Path
@@ -223,21 +224,18 @@ class Emulator:
         if self._ended.is_set() and self.failure is None:
             function()
             return
-        done, errors = Event(), []
+        result: futures.Future[None] = futures.Future()
 
         def attempt() -> None:
             try:
-                function()
+                result.set_result(function())
             except Exception as error:  # noqa: BLE001 the caller raises it
-                errors.append(error)
-            finally:
-                done.set()
+                result.set_exception(error)
         self._calls.put(attempt)
-        while not done.wait(0.1):
+        while not futures.wait([result], 0.1).done:
             if self._ended.is_set():
                 raise self.failure or BallbotError('the emulator has ended')
-        if errors:
-            raise errors[0]
+        result.result()
 
     def __enter__(self) -> 'Emulator':
         return self.start()
