@@ -12,7 +12,6 @@ from ballbot_ros.config.fields import fixed, flag, live, quantity, text
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.emulator.imu_line import ImuLine
-from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.bridge.motor import imu_message
 from ballbot_ros.physics import load_scene
 from ballbot_ros.plant import Imu, Sensor, TerrainSensor
@@ -111,9 +110,9 @@ class EmulatedRobot(Node):
         return commit
 
     @property
-    def failure(self) -> Optional[BallbotError]:
-        """Return the error that ended the emulator, which also ends the node; see `run`."""
-        return self._emulator.failure
+    def failure(self) -> Optional[Exception]:
+        """Return the error that ended the drive or the sensor, and ends the node; see `run`."""
+        return self._emulator.failure or (self._imu_line and self._imu_line.failure)
 
     def _publish(self) -> None:
         before, state = self._before, self._emulator.state

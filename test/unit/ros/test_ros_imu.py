@@ -16,6 +16,7 @@ from ballbot_ros.errors import LinkError
 from ballbot_ros.imus.source import ImuPort, StampedReading
 from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading
 from ballbot_ros.nodes.bridge.node import Bridge
+from ballbot_ros.nodes.emulated_robot.node import EmulatedRobot
 from ballbot_ros.nodes.imu import publisher as imu
 from ballbot_ros.nodes.imu.node import ImuNode
 from ballbot_ros.ros import diagnostics
@@ -149,5 +150,18 @@ def test_the_bridge_reads_a_sensor_itself_if_its_hardware_file_has_the_port(
         assert not node._inputs.imu_refused
         sensor.stop()
         wait_until(lambda: not watch.has(time.monotonic()))
+    finally:
+        node.make_safe()
+
+
+def test_an_error_of_the_emulated_sensor_ends_the_emulated_robot(make_node, tmp_path):
+    def fail(now):
+        raise ZeroDivisionError('planted')
+    node = make_node(EmulatedRobot, scene='flat', link=str(tmp_path / 'motor'),
+                     imu_link=str(tmp_path / 'imu'))
+    try:
+        assert node.failure is None
+        node._imu_line.device.tick = fail
+        wait_until(lambda: isinstance(node.failure, ZeroDivisionError))
     finally:
         node.make_safe()
