@@ -282,12 +282,22 @@ class VirtualRobot(MemoryLine):
                 self.pass_time(STEP)
         return report
 
-    def ready(self):
-        """Configure, activate and release the e-stop; return the robot."""
+    def change(self, **sections):
+        """Replace sections of the hardware file, and start a new session; return the robot."""
+        self.hardware = replace(self.hardware, **sections)
+        self.start()
+        return self
+
+    def active(self):
+        """Configure and activate; return the robot, its e-stop engaged."""
         self.session.configure()
         self.session.activate()
         self.run(0.02)
-        self.session.release()
+        return self
+
+    def ready(self):
+        """Configure, activate and release the e-stop; return the robot."""
+        self.active().session.release()
         self.run(0.02)
         return self
 

@@ -123,7 +123,6 @@ def test_bus_off_disconnects_the_drive_and_its_watchdog_ends_the_torque(robot):
 
 def test_a_file_without_confirmed_settings_is_refused_for_firmware_0_5():
     robot = VirtualRobot('odrive_can')
-    robot.start()
     with refused('inconsistent', 'torque limit', ConfigurationError) as caught:
         robot.session.configure()
     assert 'odrv0.axis0.motor.config.torque_lim = ' in str(caught.value)

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Temperature and battery in a session: first a warning, then less torque, then a stop."""
-from dataclasses import replace
-
 import pytest
 from refusals import refused
 from virtual_robot import VirtualRobot
@@ -13,10 +11,7 @@ from ballbot_ros.errors import RefusedError
 
 def robot(battery=Battery(), thermal=Thermal(), **arguments):
     """Return a robot whose shell is held, ready to drive."""
-    found = VirtualRobot(held=True, **arguments)
-    found.hardware = replace(found.hardware, battery=battery, thermal=thermal)
-    found.start()
-    return found.ready()
+    return VirtualRobot(held=True, **arguments).change(battery=battery, thermal=thermal).ready()
 
 
 def test_a_hot_power_stage_reduces_the_torque_before_the_drive_trips():
@@ -66,12 +61,8 @@ def test_an_empty_battery_lowers_the_pendulum_before_the_e_stop_and_inhibits_its
 
 
 def test_the_release_is_refused_with_an_empty_battery():
-    found = VirtualRobot(held=True)
-    found.hardware = replace(found.hardware, battery=Battery(
-        empty_voltage=25.0, empty_time=0.2, fade_time=0.1))
-    found.start()
-    found.session.configure()
-    found.session.activate()
+    found = VirtualRobot(held=True).change(battery=Battery(
+        empty_voltage=25.0, empty_time=0.2, fade_time=0.1)).active()
     found.run(0.6)
     with refused('standing', 'battery', RefusedError):
         found.session.release()

@@ -187,12 +187,9 @@ def test_a_vesc_continues_after_a_corrupted_length(direction):
 @pytest.mark.parametrize('protocol', [*slow(*PROTOCOLS[:3]), PROTOCOLS[3]])
 def test_an_imu_upside_down_inhibits_the_release_if_the_encoder_zero_is_set(protocol):
     robot = VirtualRobot(protocol, onboard='gentle')
-    robot.hardware = replace(robot.hardware, joint=replace(robot.hardware.joint, encoder_zero=0.0))
-    robot.start()
+    robot.change(joint=replace(robot.hardware.joint, encoder_zero=0.0))
     upside_down(robot)
-    robot.session.configure()
-    robot.run(0.7)
-    robot.session.activate()
+    robot.active().run(0.7)
     with pytest.raises(RefusedError):
         robot.session.release()
     loop(robot, 0.5, SetPoint(Mode.IDLE))

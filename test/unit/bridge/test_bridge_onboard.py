@@ -59,10 +59,7 @@ def test_the_torque_is_that_of_the_controller_for_the_same_estimate():
 
 
 def test_an_armed_robot_is_idle_until_the_first_set_point():
-    robot = VirtualRobot(onboard='gentle')
-    robot.session.configure()
-    robot.loop(0.1)
-    robot.session.activate()
+    robot = VirtualRobot(onboard='gentle').active()
     robot.session.give(SetPoint(Mode.SPEED, 0.0))
     robot.session.release()
     report = robot.loop(0.3)

@@ -22,10 +22,7 @@ def with_drive_as_shipped(protocol, torque=TORQUE, **limits):
 @pytest.mark.parametrize('protocol', PROTOCOLS)
 def test_a_drive_is_still_accepted_after_its_calibration(protocol):
     robot = with_drive_as_shipped(protocol)
-    robot.hardware = replace(robot.hardware, joint=replace(
-        robot.hardware.joint, torque_factor=1.2))
-    robot.start()
-    robot.ready()
+    robot.change(joint=replace(robot.hardware.joint, torque_factor=1.2)).ready()
 
 
 @pytest.mark.parametrize('protocol', PROTOCOLS)

@@ -65,9 +65,7 @@ def test_a_joint_of_opposite_direction_gives_the_same_motion():
     for direction in (1, -1):
         robot = VirtualRobot()
         robot.joint = replace(robot.hardware.joint, direction=direction)
-        robot.hardware = replace(robot.hardware, joint=robot.joint)
-        robot.start()
-        robot.ready()
+        robot.change(joint=robot.joint).ready()
         report = robot.run(0.3, torque=0.8)
         angles.append((robot.plant.state.pendulum_angle, report.torque))
     assert angles[0] == pytest.approx(angles[1], rel=1e-3)
@@ -105,9 +103,7 @@ def test_without_a_drive_configure_leaves_no_open_line():
 
 
 def test_the_motor_has_no_power_before_the_e_stop_is_released():
-    robot = VirtualRobot()
-    robot.session.configure()
-    robot.session.activate()
+    robot = VirtualRobot().active()
     report = robot.run(0.2, torque=1.0)
     assert report.state is MotorState.DISARMED and not robot.device.armed
     with refused('refused', 'set_point', RefusedError):
@@ -315,10 +311,7 @@ def test_a_drive_that_trips_on_each_arming_is_armed_after_increasing_pauses():
 
 @pytest.mark.parametrize('rearm', [False, *slow(True)])
 def test_a_motor_that_cannot_be_armed_is_tried_again_only_with_rearm(rearm, caplog):
-    robot = VirtualRobot(rearm=rearm)
-    robot.session.configure()
-    robot.run(0.1)
-    robot.session.activate()
+    robot = VirtualRobot(rearm=rearm).active()
     normal, robot.temperature = robot.temperature, 200.0
     robot.session.release()
     robot.run(1.0, torque=0.5)
@@ -439,9 +432,7 @@ def test_a_diverged_estimate_engages_the_e_stop_even_with_rearm(caplog):
 
 
 def test_the_e_stop_is_not_released_while_the_drive_is_silent_or_has_not_confirmed():
-    robot = VirtualRobot()
-    robot.session.configure()
-    robot.session.activate()
+    robot = VirtualRobot().active()
     robot.run(0.1)
     robot.now += 0.101
     with refused('standing', 'encoder', RefusedError):
@@ -484,10 +475,7 @@ def test_a_command_is_sent_immediately():
 
 
 def test_a_command_before_the_motor_is_armed_is_neither_sent_nor_an_error():
-    robot = VirtualRobot()
-    robot.session.configure()
-    robot.run(0.1)
-    robot.session.activate()
+    robot = VirtualRobot().active()
     robot.session.release()
     robot.session.command(0.5, robot.now)
     assert robot.session.line.driver is not None
@@ -534,10 +522,7 @@ def test_a_silent_drive_is_stopped_after_a_tenth_of_a_second_and_lost_after_thre
 
 @pytest.mark.parametrize('rearm', [False, True])
 def test_a_drive_that_is_lost_before_arming_is_armed_on_return_only_with_rearm(rearm):
-    robot = VirtualRobot(rearm=rearm)
-    robot.session.configure()
-    robot.run(0.1)
-    robot.session.activate()
+    robot = VirtualRobot(rearm=rearm).active()
     robot.session.release()
     robot.plugged = False  # detected before or during arming
     assert robot.run(STEP).state is MotorState.DISCONNECTED
@@ -580,10 +565,7 @@ def test_a_missing_answer_is_awaited_for_one_period_at_most():
 
 
 def test_slow_arming_is_not_a_timeout():
-    robot = VirtualRobot(rearm=True)
-    robot.session.configure()
-    robot.run(0.1)
-    robot.session.activate()
+    robot = VirtualRobot(rearm=True).active()
     driver, receive = robot.session.line.driver, robot.device.receive
     arm = driver.arm
 
