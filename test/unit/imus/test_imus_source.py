@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from ballbot_ros.errors import LinkError
+from ballbot_ros.drives.memory_line import MemoryLine
 from ballbot_ros.imus import source as source_module
 from ballbot_ros.imus.plausibility import EXPLANATIONS
 from ballbot_ros.imus.source import Axes, ImuSource
@@ -14,21 +14,19 @@ from ballbot_ros.imus.witmotion.protocol import WitMotion
 TICK = 0.001
 
 
-class SensorLine:
+class SensorLine(MemoryLine):
     """A sensor, a cable, and a clock that only the test advances."""
 
     port = 'line'
 
     def __init__(self):
-        self.device, self.now, self.plugged = EmulatedWitMotion(), 50.0, True
-        self.baud, self.waiting, self.lines = 0, b'', 0
-        self.noise = 0
+        super().__init__(EmulatedWitMotion())
+        self.now, self.baud, self.lines, self.noise = 50.0, 0, 0, 0
 
     def connect(self, baud):
         """Open the line."""
-        if not self.plugged:
-            raise LinkError('line is missing', 'missing', 'port')
-        self.baud, self.waiting = baud, b''
+        self._check()
+        self.baud, self.waiting = baud, []
         self.lines += 1
         return self
 
@@ -36,42 +34,26 @@ class SensorLine:
         """Decrement the number of open lines."""
         self.lines -= 1
 
-    def clock(self):
-        """Return the time [s]."""
-        return self.now
-
     def sleep(self, seconds):
         """Advance time; the sensor sends its readings."""
         end = self.now + seconds
         while self.now < end:
-            self.now += TICK
-            self.noise += 1
-            # Readings never repeat, as those of a real sensor.
-            x, y, z = self.device.force
-            self.device.force = (x, y, 9.81 + 0.01 * (self.noise % 7))
-            data = self.device.tick(self.now)
-            # At another baud rate every byte differs.
-            self.waiting += data if self.baud == self.device.baud else bytes(
-                (value * 7 + 3) % 256 for value in data[::2])
+            self.pass_time(TICK)
 
-    def wait(self, seconds):
-        """Wait until bytes arrive."""
-        end = self.now + seconds
-        while not self.waiting and self.now < end:
-            self.sleep(TICK)
-        if not self.plugged:
-            raise LinkError('line was unplugged', 'gone', 'port')
-        return bool(self.waiting)
-
-    def read(self):
-        """Return the received bytes."""
-        data, self.waiting = self.waiting, b''
-        return data
+    def live(self):
+        """Run the sensor up to now."""
+        self.noise += 1
+        # Readings never repeat, as those of a real sensor.
+        x, y, z = self.device.force
+        self.device.force = (x, y, 9.81 + 0.01 * (self.noise % 7))
+        data = self.device.tick(self.now)
+        # At another baud rate every byte differs.
+        self.waiting.append((self.now, data if self.baud == self.device.baud else bytes(
+            (value * 7 + 3) % 256 for value in data[::2])))
 
     def write(self, data):
         """Send bytes to the sensor."""
-        if not self.plugged:
-            raise LinkError('line was unplugged', 'gone', 'port')
+        self._check()
         if self.baud == self.device.baud:
             self.device.receive(data)
 
@@ -158,7 +140,7 @@ def test_a_replugged_sensor_is_found_and_configured_again(reading):
     line, source = reading
     line.plugged = False
     assert not run(line, source, 1.0)
-    assert 'line' in source.trouble and source.counts['lost'] == 1 and line.lines == 0
+    assert 'cable' in source.trouble and source.counts['lost'] == 1 and line.lines == 0
     line.device.boot()  # without power, the sensor loses its settings
     line.plugged = True
     assert run(line, source, 3.0) and not source.trouble
@@ -167,13 +149,13 @@ def test_a_replugged_sensor_is_found_and_configured_again(reading):
 
 def test_repeated_readings_are_not_used(reading):
     line, source = reading
-    line.sleep = lambda seconds: None
+    line.live = lambda: None
     frozen = EmulatedWitMotion()
     frozen.registers.update(line.device.registers)
     found = []
     for _ in range(400):
         line.now += 0.005
-        line.waiting = frozen.tick(line.now)
+        line.waiting = [(line.now, frozen.tick(line.now))]
         found += source.read(0.0)
     assert len(found) <= 51 and source.counts['frozen'] >= 340
     assert source.trouble == EXPLANATIONS['imu_frozen']
