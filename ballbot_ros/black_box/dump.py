@@ -26,7 +26,7 @@ from ballbot_ros.black_box.ring import BlackBox, CHANNELS, MESSAGE, OUTSIDE_LENG
 LOG = logging.getLogger(__name__)
 
 LIBRARY = 'ballbot_ros black box'
-ENDING, NAME = '.mcap', 'ballbot-%Y%m%dT%H%M%S.%fZ'
+NAME, PATTERN = 'ballbot-%Y%m%dT%H%M%S.%fZ.mcap', 'ballbot-*.mcap'
 # The file covers this time after a fault, too [s].
 TIME_AFTER_FAULT = 1.0
 # Shortest time between two files [s]; doubled each time the same fault recurs.
@@ -97,7 +97,7 @@ def write_file(folder: Path, box: BlackBox, when: float, reason: str,
     written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f'{datetime.now(timezone.utc):{NAME}}{ENDING}'
+    path = folder / f'{datetime.now(timezone.utc):{NAME}}'
     draft = path.with_name(f'.{path.name}.part')
     try:
         with open(draft, 'wb') as stream:
@@ -115,9 +115,9 @@ def write_file(folder: Path, box: BlackBox, when: float, reason: str,
         os.replace(draft, path)
     finally:
         draft.unlink(missing_ok=True)
-    for old in sorted(folder.glob(f'ballbot-*{ENDING}'))[:-MOST_FILES]:
+    for old in sorted(folder.glob(PATTERN))[:-MOST_FILES]:
         old.unlink(missing_ok=True)
-    for old in folder.glob(f'.ballbot-*{ENDING}.part'):
+    for old in folder.glob(f'.{PATTERN}.part'):
         with suppress(OSError):
             if old.stat().st_mtime < time.time() - STALE_DRAFT:
                 old.unlink()

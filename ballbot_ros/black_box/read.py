@@ -18,7 +18,7 @@ from mcap.records import Chunk, Footer, Header, Metadata
 from mcap.stream_reader import get_chunk_data_stream, StreamReader
 import numpy as np
 
-from ballbot_ros.black_box.dump import ENDING, LIBRARY
+from ballbot_ros.black_box.dump import LIBRARY, PATTERN
 from ballbot_ros.black_box.ring import (
     CHANNELS, EVENT, FROM_DRIVE, MESSAGE, OUTSIDE_LENGTH, TO_DRIVE)
 from ballbot_ros.bridge.observer import Level
@@ -77,7 +77,7 @@ def date(time: float) -> datetime:
 def find_black_box(path: Path) -> Optional[Path]:
     """Return the file of a black box, the latest one in a folder, None for anything else."""
     if path.is_dir():
-        files = sorted(path.glob(f'ballbot-*{ENDING}'))
+        files = sorted(path.glob(PATTERN))
         return files[-1] if files and _is_black_box(files[-1]) else None
     return path if _is_black_box(path) else None
 
