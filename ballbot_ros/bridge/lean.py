@@ -43,9 +43,7 @@ class LateralAxis(AxisSensing[LeanEstimate]):
         super().__init__(hardware)
         self._robot, self._speed, self._yaw_rate = robot, speed, yaw_rate
         self._largest_torque = required_steering(robot).largest_torque
-        self._zero = hardware.joint.encoder_zero
-        self._given_zero = self._zero
-        self._check = EncoderCheck()
+        self.rezero()
         self.state = LateralState()
         self.estimate: Optional[LeanEstimate] = None
 
@@ -56,7 +54,7 @@ class LateralAxis(AxisSensing[LeanEstimate]):
 
     def rezero(self) -> None:
         """Use the next reading as zero (hanging pendulum), unless the encoder retains its zero."""
-        self._zero, self._check = self._given_zero, EncoderCheck()
+        self._zero, self._check = self._joint.encoder_zero, EncoderCheck()
 
     def forget(self) -> None:
         """Restart the observer from rest."""
