@@ -216,8 +216,7 @@ class Emulator:
 
     def wait(self) -> None:
         """Wait until the emulator has ended; `failure` is the error, if any."""
-        while not self._ended.wait(0.5):
-            pass
+        self._ended.wait()
 
     def call(self, function: Callable[[], None]) -> None:
         """Run a function between two steps, and wait for its end; its exception is raised here."""

@@ -24,7 +24,7 @@ from ballbot_ros.physics.simulation.scene import load_scene
 
 BAUD, OTHER = 460800, 57600
 BIT_RATE, OTHER_BIT_RATE = 1000000, 250000  # of a CAN bus
-TORQUE = 0.02
+TORQUE, TORQUE_LIMIT = 0.02, 0.1
 WATCHDOG = 0.5  # of the drive: a busy machine may delay a test that long [s]
 REPLY_TIMEOUT = 10.0  # includes the wait of the drive for the processor [s]
 
@@ -53,16 +53,14 @@ def emulator(scene, tmp_path):
         yield running
 
 
-def connect(emulator, protocol='odrive'):
+def connect(path, protocol='odrive', device=None):
     """Return an open link and a driver after its handshake."""
-    link = open_line(protocol, emulator.path, rates(protocol)[0])
+    link = open_line(protocol, path, rates(protocol)[0])
     # Values that an ODrive does not report over CAN, as read with odrivetool.
-    confirmed = {'firmware': '0.5.6', 'confirmed': dict(emulator.device.properties)} \
+    confirmed = {'firmware': '0.5.6', 'confirmed': dict(device.properties)} \
         if protocol == 'odrive_can' else {}
     driver = open_driver(protocol, link, read_options(
-        protocol, {
-            'torque_limit': emulator.settings.torque_limit, 'watchdog': WATCHDOG, **confirmed},
-        'test'))
+        protocol, {'torque_limit': TORQUE_LIMIT, 'watchdog': WATCHDOG, **confirmed}, 'test'))
     driver.identity = driver.identify(REPLY_TIMEOUT)
     return link, driver
 
@@ -81,7 +79,7 @@ def drive(driver, seconds, torque=TORQUE):
 @pytest.mark.parametrize('protocol', sorted(DRIVES))
 def test_a_torque_over_the_line_swings_the_pendulum_and_rolls_the_ball(scene, protocol):
     with made(protocol, scene) as emulator:
-        link, driver = connect(emulator, protocol)
+        link, driver = connect(emulator.path, protocol, emulator.device)
         with link:
             assert all(setting.acceptable for setting in driver.read_settings())
             driver.arm(REPLY_TIMEOUT)
@@ -121,8 +119,7 @@ def test_another_protocol_does_not_pass_the_handshake(scene, wrong):
 @pytest.mark.slow
 def test_the_drive_disarms_when_the_host_is_killed(emulator):
     code = ('import sys, time; from test_emulator_emulator import connect, drive\n'
-            'class There: path = sys.argv[1]; settings = type("S", (), {"torque_limit": 0.08})\n'
-            'link, driver = connect(There); driver.arm(); drive(driver, 60.0)')
+            'link, driver = connect(sys.argv[1]); driver.arm(); drive(driver, 60.0)')
     host = subprocess.Popen([sys.executable, '-c', code, emulator.path],
                             env={**os.environ, 'PYTHONPATH': os.pathsep.join(
                                 [os.path.dirname(__file__), *sys.path])})
@@ -137,7 +134,7 @@ def test_the_drive_disarms_when_the_host_is_killed(emulator):
 
 
 def test_pulling_the_plug_is_an_error_and_plugging_in_again_works(emulator):
-    link, driver = connect(emulator)
+    link, driver = connect(emulator.path)
     driver.arm(REPLY_TIMEOUT)
     drive(driver, 0.05)
     execute(emulator, 'unplug')
@@ -151,7 +148,7 @@ def test_pulling_the_plug_is_an_error_and_plugging_in_again_works(emulator):
     wait_until(lambda: emulator.torque == 0.0)
     execute(emulator, 'plug')
     wait_until(lambda: emulator.terminal.plugged)
-    link, driver = connect(emulator)
+    link, driver = connect(emulator.path)
     with link:
         driver.arm(REPLY_TIMEOUT)
         wait_until(lambda: emulator.torque == TORQUE, lambda: drive(driver, 0.01))
@@ -161,11 +158,11 @@ def test_a_plug_that_is_out_for_a_time_comes_back_by_itself(emulator):
     execute(emulator, 'unplug 0.5')
     assert not emulator.terminal.plugged
     wait_until(lambda: emulator.terminal.plugged)
-    connect(emulator)[0].close()
+    connect(emulator.path)[0].close()
 
 
 def test_a_silent_drive_is_overdue_and_still_obeys(emulator):
-    link, driver = connect(emulator)
+    link, driver = connect(emulator.path)
     with link:
         driver.arm(REPLY_TIMEOUT)
         drive(driver, 0.05)
@@ -178,7 +175,7 @@ def test_a_silent_drive_is_overdue_and_still_obeys(emulator):
 
 
 def test_a_hot_drive_trips_and_says_so(emulator):
-    link, driver = connect(emulator)
+    link, driver = connect(emulator.path)
     with link:
         driver.arm(REPLY_TIMEOUT)
         drive(driver, 0.05)
@@ -194,7 +191,7 @@ def test_a_hot_drive_trips_and_says_so(emulator):
 
 
 def test_a_rebooted_drive_has_forgotten_that_it_was_armed(emulator):
-    link, driver = connect(emulator)
+    link, driver = connect(emulator.path)
     with link:
         driver.arm(REPLY_TIMEOUT)
         drive(driver, 0.05)
@@ -204,7 +201,7 @@ def test_a_rebooted_drive_has_forgotten_that_it_was_armed(emulator):
 
 
 def test_an_encoder_jump_shows_in_the_position(emulator):
-    link, driver = connect(emulator)
+    link, driver = connect(emulator.path)
     with link:
         wait_until(lambda: driver.poll().time is not None, driver.ask)
         before = driver.telemetry.position
@@ -237,7 +234,7 @@ def test_a_slow_drive_on_a_bus_reads_at_the_rate_of_the_text(scene):
                                    'garbage 200 from'])
 def test_telemetry_stays_true_on_a_bad_line(scene, protocol, fault):
     with made(protocol, scene, seed=5) as emulator:
-        link, driver = connect(emulator, protocol)
+        link, driver = connect(emulator.path, protocol, emulator.device)
         with link:
             execute(emulator, fault)
             voltages, positions = set(), {}
@@ -362,13 +359,7 @@ def test_the_command_prints_the_device_obeys_lines_and_keeps_the_log(tmp_path):
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout.readline().strip() == str(tmp_path / 'ttyBall')
-
-        class There:
-            path = str(tmp_path / 'ttyBall')
-
-            class settings:
-                torque_limit = 0.1
-        link, driver = connect(There)
+        link, driver = connect(str(tmp_path / 'ttyBall'))
         with link:
             assert driver.identity.generation == '0.6'
             watchdog, = (item for item in driver.read_settings() if item.name == 'watchdog')
