@@ -65,10 +65,14 @@ class Joint(Checked):
         """Return the torque at the pendulum per torque at the motor shaft, not calibrated."""
         return self.gear_ratio * self.gear_efficiency
 
+    @property
+    def scale(self) -> float:
+        """Return the turns of the joint per reported turn of the drive."""
+        return 1.0 / self.gear_ratio if self.encoder_scale is None else self.encoder_scale
+
     def joint_angle(self, position: float) -> float:
         """Return the joint angle for a position of the drive [rad]; applies to rates, too."""
-        scale = 1.0 / self.gear_ratio if self.encoder_scale is None else self.encoder_scale
-        return self.direction * scale * position
+        return self.direction * self.scale * position
 
     def motor_torque(self, torque: float) -> float:
         """Return the torque at the motor shaft for a torque at the pendulum [N m]."""

@@ -103,17 +103,16 @@ class Calibrator:
             'Turn it by hand forward (to +x, as it swings to drive forward) until it is level and '
             'hold it there. Press Enter, or give the angle in degrees if it is not 90')
         moved = self._position() - before
-        expected = turned * self._joint.gear_ratio if self._joint.encoder_scale is None \
-            else turned / self._joint.encoder_scale
+        expected = turned / self._joint.scale
         if abs(moved) < LEAST_TURN * expected:
             raise RefusedError(
                 f'the drive reported {math.degrees(moved):.1f} degrees at its shaft, but about '
                 f'{math.degrees(expected):.0f} were expected: is the encoder connected, does the '
                 'pinion engage, is gear_ratio correct?', 'failed', 'gear_ratio')
         scale = turned / abs(moved)
-        if abs(scale * expected / turned - 1.0) > REPORTED_DEVIATION:
+        if abs(scale / self._joint.scale - 1.0) > REPORTED_DEVIATION:
             say(f'That is {scale:.5f} joint turns per turn of the drive; the file has '
-                f'{turned / expected:.5f}.  If you turned it by {math.degrees(turned):.0f} '
+                f'{self._joint.scale:.5f}.  If you turned it by {math.degrees(turned):.0f} '
                 'degrees, the file was wrong.')
         self._enter('Let it hang at rest again. Press Enter')
         self._zero = self._position()
