@@ -152,10 +152,8 @@ def check_drive(hardware: Hardware,
     try:
         settings = driver.read_settings()
         for item in settings:
-            yield Finding(OK if item.acceptable else WRONG,
-                          f'{item.name} {item.value}'
-                          + ('' if item.acceptable else f', must be {item.wanted}'),
-                          '' if item.acceptable else item.remedy)
+            yield Finding(OK, f'{item.name} {item.value}') if item.acceptable else Finding(
+                WRONG, f'{item.name} {item.value}, must be {item.wanted}', item.remedy)
         if driver.keeping and not all(item.acceptable for item in settings):
             yield Finding(NOTE, 'the settings are lost when the drive restarts, unless they are '
                           'saved in it', driver.keeping)
