@@ -26,6 +26,10 @@ from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Imu, Plant
 from ballbot_ros.steering import GroundTrack, LateralState, pull
 
+# Protocols, each with the firmware if there are several, and those of a serial port.
+ALL = ('odrive 0.5', 'odrive 0.6', 'odrive_can 0.5', 'odrive_can 0.6', 'vesc', 'vesc_can',
+       'roboclaw')
+SERIAL = tuple(name for name in ALL if '_can' not in name)
 STEP = 0.002
 # A reply arrives one step later [s].
 LINE_TIME = 0.5 * STEP

@@ -138,7 +138,7 @@ def test_a_disconnected_encoder_is_detected():
 @pytest.mark.slow
 def test_the_turned_angle_may_differ_from_90_degrees_and_a_wrong_file_is_detected():
     robot = VirtualRobot(held=True)
-    robot.hardware = replace(robot.hardware, joint=replace(robot.hardware.joint, gear_ratio=40.0))
+    robot.change(joint=replace(robot.hardware.joint, gear_ratio=40.0))
     script = Script(robot, degrees=60.0, **{'Turn it': '60'})
     found = calibrate(robot, script)
     assert found.encoder_scale == pytest.approx(1.0 / 50.0, rel=0.02)
@@ -173,13 +173,11 @@ def test_the_pendulum_may_be_turned_by_more_than_one_revolution():
 @pytest.mark.slow
 def test_the_measured_scale_is_compared_with_the_scale_in_the_file():
     robot = VirtualRobot(held=True)
-    robot.hardware = replace(robot.hardware, joint=replace(
-        robot.hardware.joint, encoder_scale=0.02))
+    robot.change(joint=replace(robot.hardware.joint, encoder_scale=0.02))
     script = Script(robot)
     assert calibrate(robot, script).encoder_scale == pytest.approx(0.02, rel=0.01)
     assert not any('the file was wrong' in text for text in script.said)
-    robot.hardware = replace(robot.hardware, joint=replace(
-        robot.hardware.joint, encoder_scale=0.002))
+    robot.change(joint=replace(robot.hardware.joint, encoder_scale=0.002))
     with refused('failed', 'gear_ratio', RefusedError):
         calibrate(robot)
 
@@ -187,8 +185,7 @@ def test_the_measured_scale_is_compared_with_the_scale_in_the_file():
 @pytest.mark.slow
 def test_the_direction_of_a_motor_without_a_gear_is_found():
     robot = VirtualRobot(held=True, settings=DriveSettings(torque_limit=5.0, current_limit=200.0))
-    robot.hardware = replace(robot.hardware, joint=replace(
-        robot.hardware.joint, gear_ratio=1.0, direction=-1))
+    robot.change(joint=replace(robot.hardware.joint, gear_ratio=1.0, direction=-1))
     robot.joint = robot.hardware.joint
     found = calibrate(robot, Script(robot, degrees=40.0, **{'Turn it': '40'}))
     assert found.direction == -1 and found.encoder_scale == pytest.approx(1.0, rel=0.01)

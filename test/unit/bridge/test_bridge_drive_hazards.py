@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from virtual_robot import STEP, VirtualRobot
+from virtual_robot import ALL, STEP, VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.bridge.supervisor import StopReason
@@ -11,9 +11,6 @@ from ballbot_ros.drives.can_frames import CanFrame, record
 from ballbot_ros.drives.odrive.cansimple import codec as cansimple
 from ballbot_ros.drives.vesc.can import codec as vesc_can
 from ballbot_ros.drives.vesc.uart.driver import READ_BACK_PERIOD
-
-PROTOCOLS = ('odrive 0.5', 'odrive 0.6', 'odrive_can 0.5', 'odrive_can 0.6', 'roboclaw', 'vesc',
-             'vesc_can')
 
 
 def age_of_measurements(robot, latency, seconds):
@@ -29,7 +26,7 @@ def age_of_measurements(robot, latency, seconds):
 
 
 @pytest.mark.parametrize('protocol', ['roboclaw', *(
-    pytest.param(name, marks=pytest.mark.slow) for name in PROTOCOLS if name != 'roboclaw')])
+    pytest.param(name, marks=pytest.mark.slow) for name in ALL if name != 'roboclaw')])
 def test_replies_with_growing_delay_end_the_torque(protocol):
     robot = VirtualRobot(protocol).ready()
     robot.run(0.1, torque=0.5)

@@ -5,7 +5,7 @@ import math
 import pytest
 from refusals import refused
 from tiers import slow
-from virtual_robot import STEP, VirtualRobot
+from virtual_robot import SERIAL, STEP, VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.control import load_tuning, Mode, PendulumController, SetPoint
@@ -13,7 +13,6 @@ from ballbot_ros.errors import MessageError, RefusedError
 from ballbot_ros.physics import load_robot
 
 GEAR = 50.0 * 0.9
-PROTOCOLS = ('odrive 0.5', 'odrive 0.6', 'vesc', 'roboclaw')
 UP = SetPoint(Mode.HOLD, 0.5)
 
 
@@ -22,7 +21,7 @@ def ready(protocol='odrive', **others):
     return VirtualRobot(protocol, onboard='gentle', **others).ready()
 
 
-@pytest.mark.parametrize('protocol', PROTOCOLS)
+@pytest.mark.parametrize('protocol', SERIAL)
 def test_a_set_point_moves_the_pendulum_there(protocol):
     robot = ready(protocol)
     report = robot.loop(0.4, UP)
@@ -138,7 +137,7 @@ def test_a_late_loop_prolongs_the_lowering_by_at_most_the_watchdog_of_the_drive(
     assert robot.now - last > bound and STEP * pulling[-1] <= bound + 2 * STEP
 
 
-@pytest.mark.parametrize('protocol', PROTOCOLS)
+@pytest.mark.parametrize('protocol', SERIAL)
 def test_the_torque_ends_within_the_command_timeout_when_estimates_end(protocol):
     robot = ready(protocol)
     robot.loop(0.2, UP)

@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import pytest
 from refusals import refused
-from virtual_robot import VirtualRobot
+from virtual_robot import SERIAL, VirtualRobot
 
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.errors import ConfigurationError
 
-PROTOCOLS = ('odrive 0.5', 'odrive 0.6', 'vesc', 'roboclaw')
 TORQUE = 4.0 / 45.0  # of the drive, at the motor shaft [N m]
 
 
@@ -19,13 +18,13 @@ def with_drive_as_shipped(protocol, torque=TORQUE, **limits):
         torque_limit=torque, current_limit=torque / DriveSettings.torque_constant), **limits)
 
 
-@pytest.mark.parametrize('protocol', PROTOCOLS)
+@pytest.mark.parametrize('protocol', SERIAL)
 def test_a_drive_is_still_accepted_after_its_calibration(protocol):
     robot = with_drive_as_shipped(protocol)
     robot.change(joint=replace(robot.hardware.joint, torque_factor=1.2)).ready()
 
 
-@pytest.mark.parametrize('protocol', PROTOCOLS)
+@pytest.mark.parametrize('protocol', SERIAL)
 def test_a_small_torque_limit_needs_no_change_of_the_drive_and_is_never_exceeded(protocol):
     robot = with_drive_as_shipped(protocol, torque_limit=0.3).ready()
     robot.torques.clear()

@@ -6,7 +6,7 @@ import math
 import pytest
 from refusals import refused
 from tiers import pairs, slow
-from virtual_robot import STEP, VirtualRobot
+from virtual_robot import ALL, STEP, VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.bridge.supervisor import EStop, StopReason
@@ -17,8 +17,6 @@ from ballbot_ros.errors import (
     ConfigurationError, DriveError, EstimateLostError, LinkError, RefusedError)
 from ballbot_ros.physics import load_robot
 
-ALL = ('odrive 0.5', 'odrive 0.6', 'odrive_can 0.5', 'odrive_can 0.6', 'vesc', 'vesc_can',
-       'roboclaw')
 PROTOCOLS = [*slow(ALL[0]), *ALL[1:3], *slow(ALL[3]), *ALL[4:]]
 
 
@@ -345,6 +343,7 @@ def test_a_session_does_nothing_before_configure_and_after_close():
     robot.ready()
     assert robot.tick().state is MotorState.ARMED
     robot.session.close()
+    assert robot.session.supervisor.e_stop.reason is StopReason.CLOSED
     assert robot.tick() is None and robot.lines == 0
     assert not robot.session.expecting and robot.session.await_answer(STEP) is None
     robot.session.close()
@@ -372,12 +371,6 @@ def test_after_deactivate_it_still_measures_and_needs_a_new_activation_and_relea
     assert report.state is MotorState.DISARMED and report.e_stop.reason is StopReason.DEACTIVATED
     robot.session.release()
     assert robot.run(0.1).state is MotorState.ARMED
-
-
-def test_after_close_by_any_caller_the_e_stop_is_engaged():
-    robot = VirtualRobot().ready()
-    robot.session.close()
-    assert robot.session.supervisor.e_stop.reason is StopReason.CLOSED
 
 
 def test_activation_without_a_drive_is_refused():

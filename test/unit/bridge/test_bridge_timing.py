@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The time of measurement counts, not the time of reading: late and lost answers."""
 import pytest
-from virtual_robot import STEP, VirtualRobot
-
-PROTOCOLS = ('odrive 0.5', 'odrive 0.6', 'vesc', 'roboclaw')
+from virtual_robot import SERIAL, STEP, VirtualRobot
 
 
-@pytest.mark.parametrize('protocol', PROTOCOLS)
+@pytest.mark.parametrize('protocol', SERIAL)
 @pytest.mark.parametrize('late', [0.02, 0.04])
 def test_an_answer_that_is_read_late_does_not_falsify_the_rate(protocol, late):
     robot = VirtualRobot(protocol, held=True, rearm=True, speed_limit=11.0).ready()
@@ -22,7 +20,7 @@ def test_an_answer_that_is_read_late_does_not_falsify_the_rate(protocol, late):
     assert worst < 0.1 and not robot.session.supervisor.e_stop
 
 
-@pytest.mark.parametrize('protocol', PROTOCOLS)
+@pytest.mark.parametrize('protocol', SERIAL)
 def test_a_lost_reply_makes_stamps_one_request_too_old_for_a_short_time(protocol):
     robot = VirtualRobot(protocol).ready()
     robot.run(0.1, torque=0.0)
