@@ -227,7 +227,8 @@ class Emulator:
 
         def attempt() -> None:
             try:
-                result.set_result(function())
+                function()
+                result.set_result(None)
             except Exception as error:  # noqa: BLE001 the caller raises it
                 result.set_exception(error)
         self._calls.put(attempt)

@@ -112,7 +112,8 @@ class EmulatedRobot(Node):
     @property
     def failure(self) -> Optional[Exception]:
         """Return the error that ended the drive or the sensor, and ends the node; see `run`."""
-        return self._emulator.failure or (self._imu_line and self._imu_line.failure)
+        line = self._imu_line
+        return self._emulator.failure or (None if line is None else line.failure)
 
     def _publish(self) -> None:
         before, state = self._before, self._emulator.state

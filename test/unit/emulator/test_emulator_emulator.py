@@ -81,7 +81,7 @@ def test_a_torque_over_the_line_swings_the_pendulum_and_rolls_the_ball(scene, pr
     with made(protocol, scene) as emulator:
         link, driver = connect(emulator.path, protocol, emulator.device)
         with link:
-            assert all(setting.acceptable for setting in driver.read_settings())
+            assert all(setting.acceptable for setting in driver.read_settings(REPLY_TIMEOUT))
             driver.arm(REPLY_TIMEOUT)
             telemetry = drive(driver, 0.4)
             # A voltage is correct for the measured speed, not for the present one.
