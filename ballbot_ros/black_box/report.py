@@ -9,7 +9,7 @@ import numpy as np
 from ballbot_ros.black_box.read import BlackBoxRecording, date, RecordedEvent
 from ballbot_ros.black_box.ring import CHANNELS, COMMANDS, STATES
 from ballbot_ros.bridge.observer import Level
-from ballbot_ros.bridge.supervisor import NOTHING
+from ballbot_ros.bridge.supervisor import ZERO_TORQUE
 from ballbot_ros.drives.capture import HEADER
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.results.files import PathLike, replacing, write_text
@@ -152,7 +152,7 @@ def _last_command(commands: dict[str, Array], fault: float) -> str:
 def _zero_after(after: dict[str, Array], fault: float) -> str:
     if not len(after['time']):
         return 'no records after the fault'
-    pushing = np.abs(after['torque']) > NOTHING
+    pushing = np.abs(after['torque']) > ZERO_TORQUE
     if not pushing.any():
         return 'at the detection of the fault'
     last = int(np.flatnonzero(pushing)[-1])

@@ -22,7 +22,7 @@ from ballbot_ros.errors import RefusedError
 # Time without a nonzero command before the e-stop may be released [s].
 COMMAND_GAP = 0.5
 # Torque below this counts as zero [N m].
-NOTHING = 1e-6
+ZERO_TORQUE = 1e-6
 RUNAWAY_TIME = 0.02  # longest time above `RUNAWAY` times the speed limit [s]
 
 
@@ -131,7 +131,7 @@ class Supervisor:
 
     def record_request(self, torque: float, now: float) -> None:
         """Record a torque request, accepted or not."""
-        if math.isfinite(torque) and abs(torque) > NOTHING:
+        if math.isfinite(torque) and abs(torque) > ZERO_TORQUE:
             self._pushed = now
 
     def trigger(self, cause: EStop) -> None:
