@@ -109,7 +109,8 @@ class ObstacleDecision(Node):
         if self._refusal('odom'):
             return
         if self._odometry is not None and exact(message) < exact(self._odometry):
-            self.get_logger().warning('time went back: all previous observations are dropped')
+            self.get_logger().warning('time went back: all previous observations are dropped',
+                                      throttle_duration_sec=1.0)
             self._reset('time went back')
         self._odometry = message
         self._decider.move(motion(message))

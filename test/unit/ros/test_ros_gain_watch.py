@@ -1,11 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A planning node reports when the controller no longer uses the gains of its plans."""
+"""A planning node warns of other gains of the controller, and of time that goes back."""
+import time
+
+from builtin_interfaces.msg import Time
+from nav_msgs.msg import Odometry
 import pytest
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 
+from ballbot_ros.nodes.obstacle_decision.node import ObstacleDecision
 from ballbot_ros.nodes.obstacle_decision.outputs import GainWatch
 
 
@@ -54,3 +60,11 @@ def test_parameter_events_of_other_nodes_are_received(decision, make_node, spinn
     spinner.until(lambda: any(one.changed_parameters for one in received))
     assert [one.changed_parameters[0].name for one in received if one.changed_parameters] == [
         'gains.position_kp']
+
+
+def test_time_that_repeatedly_goes_back_is_logged_at_most_once_a_second(make_node, capfd):
+    node, start = make_node(ObstacleDecision, planner='cubic'), time.monotonic()
+    for stamp in 20 * (2, 1):
+        node._on_odometry(Odometry(header=Header(stamp=Time(sec=stamp))))
+    assert 1 <= capfd.readouterr().err.count('time went back') <= 2.0 + time.monotonic() - start
+    node.make_safe()
