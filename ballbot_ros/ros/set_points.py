@@ -17,9 +17,6 @@ from ballbot_ros.ros.single_publisher import SinglePublisher
 # A node whose set-points are followed holds authority for this long after its last one [s of wall
 # time].
 AUTHORITY_TIMEOUT = 0.5
-# Pause of the executor after a refused message [s]: it limits their processing to 500 per second.
-# The subscriptions hold one message, so the middleware drops the others.
-REFUSED_PAUSE = 0.002
 
 
 class SetPoints:
@@ -30,13 +27,13 @@ class SetPoints:
     `control.Authority`.  `give` takes a `SetPoint` with the stamp of its message, 0 for an
     unstamped one, and may raise `MessageError`; `refused` counts refusals by reason;
     `record_request` takes a `SetPoint` of a node without authority, which also requests motion.
-    With `steers`, yaw rates are followed.
+    With `steers`, yaw rates are followed.  The executor pauses after each refused message [s].
     """
 
     def __init__(self, node: Node, give: Callable[[SetPoint], None], refused: Counter,
-                 record_request: Callable[[SetPoint], None], steers: bool):
+                 record_request: Callable[[SetPoint], None], steers: bool, pause: float = 0.0):
         self._node, self._give, self._refused = node, give, refused
-        self._record_request, self.steers = record_request, steers
+        self._record_request, self.steers, self._pause = record_request, steers, pause
         self.authority = Authority(AUTHORITY_TIMEOUT)
         self._publishers = {
             topic: SinglePublisher(node, topic) for topic in ('set_point', 'cmd_vel')}
@@ -60,4 +57,4 @@ class SetPoints:
             self._refused[error.reason] += 1
             self._node.get_logger().warning(
                 f'{topic} refused: {error}', throttle_duration_sec=1.0)
-            time.sleep(REFUSED_PAUSE)
+            time.sleep(self._pause)

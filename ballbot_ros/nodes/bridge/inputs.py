@@ -17,13 +17,17 @@ from ballbot_ros.ros.conversions import command_torque, to_seconds
 from ballbot_ros.ros.endpoints import create_trigger, RECEIVED_TIMEOUT, subscribe_e_stop
 from ballbot_ros.ros.message_bytes import (
     AnyImu, AnyJointState, subscribe_imu, subscribe_joint_states)
-from ballbot_ros.ros.set_points import REFUSED_PAUSE, SetPoints
+from ballbot_ros.ros.set_points import SetPoints
 from ballbot_ros.ros.single_publisher import SinglePublisher
 
 # A release is refused for this time after the e-stop engages [s]: it is less than a human
 # reaction time, so the request was sent before.  Meanwhile the bridge receives its own e_stop
 # message (later on a busy machine), which would engage the e-stop again after the release.
 RELEASE_DELAY = 0.1
+# Pause of the executor after a refused message [s]: it limits their processing to 500 per second,
+# so that a flood does not delay the loop, which runs in another thread.  The subscriptions hold
+# one message, so the middleware drops the others.
+REFUSED_PAUSE = 0.002
 
 
 class MotorInputs:
@@ -44,7 +48,7 @@ class MotorInputs:
         law = session.law
         set_points = SetPoints(node, self._give, session.set_points_refused,
                                law.record_request if law is not None else lambda _: None,
-                               session.lateral is not None)
+                               session.lateral is not None, REFUSED_PAUSE)
         self.authority = Authority(session.hardware.limits.command_timeout) \
             if law is None else set_points.authority
         if not session.hardware.imu_port.port:

@@ -4,7 +4,9 @@ from collections import Counter
 from functools import partial
 import math
 import time
+from types import SimpleNamespace
 
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Twist, TwistStamped
 import pytest
 import rclpy
@@ -14,13 +16,15 @@ from sensor_msgs.msg import JointState
 
 from ballbot_ros.control import Mode
 from ballbot_ros.errors import MessageError
+from ballbot_ros.nodes.bridge.inputs import REFUSED_PAUSE
+from ballbot_ros.nodes.bridge.node import Bridge
 from ballbot_ros.nodes.controller.node import Controller
 from ballbot_ros.nodes.simulator.node import Simulator
 from ballbot_ros.ros.conversions import set_point, set_point_message, to_time
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.message_bytes import command_bytes
 from ballbot_ros.ros.rclpy_compat import new_executor
-from ballbot_ros.ros.set_points import REFUSED_PAUSE, SetPoints
+from ballbot_ros.ros.set_points import SetPoints
 
 # Requests that are not followed.
 unfollowed = []
@@ -54,13 +58,21 @@ def test_the_first_sender_is_followed_until_its_timeout(robot):
     assert inputs.authority.holder == '/b'
 
 
-def test_a_flood_of_refused_messages_is_processed_at_a_bounded_rate(robot):
-    inputs, followed, refused, *_ = robot
-    start, message = time.monotonic(), set_point_message(to_time(1.0), math.nan)
-    for _ in range(50):
-        inputs._take('set_point', set_point, message)
-    assert time.monotonic() - start >= 50 * REFUSED_PAUSE
-    assert refused['not_finite'] == 50 and not followed
+@pytest.mark.parametrize('cls, parameters, refused, pauses', [
+    (Bridge, {'autostart': False, 'black_box': '', 'port': '/dev/nowhere'},
+     lambda node: node._session.set_points_refused, {REFUSED_PAUSE}),
+    # The executor of these nodes also runs the laws, which a pause would delay.
+    (Controller, {}, lambda node: node._refused, {0.0}),
+    (Simulator, {'scene': 'flat', 'control': 'onboard'}, lambda node: node._laws.refused, {0.0})])
+def test_a_flood_of_refused_set_points_pauses_only_the_bridge(
+        make_node, spinner, monkeypatch, cls, parameters, refused, pauses):
+    node, peer, slept = make_node(cls, **parameters), make_node(Node, 'peer'), []
+    monkeypatch.setattr('ballbot_ros.ros.set_points.time', SimpleNamespace(
+        monotonic=time.monotonic, sleep=slept.append))
+    spinner.add(node, peer)
+    angles, message = create_publisher(peer, 'set_point'), set_point_message(Time(), math.nan)
+    spinner.until(lambda: refused(node)['not_finite'] > 3, lambda: angles.publish(message))
+    assert len(slept) > 3 and set(slept) == pauses
 
 
 def speed(kind, linear=0.0, angular=0.0):
