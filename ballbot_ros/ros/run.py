@@ -10,7 +10,6 @@ import time
 from typing import Any, Callable, List, Optional, Sequence
 
 import rclpy
-from rclpy.executors import Executor
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -71,11 +70,6 @@ class Stop:
         self._wake = None
 
 
-def spin(executor: Executor, stop: Stop, longest: float) -> None:
-    """Spin an executor until `stop` is given or, if no work is pending, for a time [s]."""
-    executor.spin_until_future_complete(stop, timeout_sec=longest)
-
-
 class _Stopped(BaseException):
     """
     A stop signal, while the node is created.
@@ -104,13 +98,6 @@ def run_together(make_nodes: Sequence[Callable[[], Node]],
     Returns 0 after a signal, 2 if the configuration or an argument (by default of ``sys.argv``) is
     refused.
     """
-    try:
-        return _run_together(make_nodes, args)
-    finally:
-        faulthandler.cancel_dump_traceback_later()
-
-
-def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[str]]) -> int:
     stopping, making = Stop(), False
 
     def stop(number: int, frame: Any) -> None:
@@ -162,7 +149,7 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
             _watch(node, stopping)
             _watch_clock(node)
         while rclpy.ok() and not stopping.given:
-            spin(executor, stopping, POLL_PERIOD)
+            executor.spin_until_future_complete(stopping, timeout_sec=POLL_PERIOD)
         for node in nodes:
             failure = getattr(node, 'failure', None)
             if failure is not None:
@@ -192,6 +179,7 @@ def _run_together(make_nodes: Sequence[Callable[[], Node]], args: Optional[List[
             node.destroy_node()
         executor.shutdown()
         rclpy.try_shutdown()
+        faulthandler.cancel_dump_traceback_later()
     return 0
 
 

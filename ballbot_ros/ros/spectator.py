@@ -91,16 +91,11 @@ class Spectator:
 
     def trigger(self, service: str) -> str:
         """Call a Trigger service and return its message; raise `RefusedError` if it refuses."""
-        answer = self._call(Trigger, service, Trigger.Request())
-        if not answer.success:
-            raise RefusedError(answer.message, 'refused', service)
-        return str(answer.message)
+        return self._call(Trigger, service, Trigger.Request())
 
     def step(self, periods: int) -> None:
         """Step a paused simulator by control periods; raise `RefusedError` if it refuses."""
-        answer = self._call(Step, 'simulator/step', Step.Request(periods=periods))
-        if not answer.success:
-            raise RefusedError(answer.message, 'refused', 'simulator/step')
+        self._call(Step, 'simulator/step', Step.Request(periods=periods))
 
     def hold_speed(self, speed: float) -> None:
         """Publish a speed [m/s] periodically."""
@@ -203,22 +198,20 @@ class Spectator:
             self._clients[service] = self._node.create_client(kind, service)
         return self._clients[service]
 
-    def _call(self, kind: Any, service: str, request: Any) -> Any:
-        """Call a service from another thread and wait for its answer."""
-        answer: 'Future[Any]' = Future()
-
-        def call() -> None:
-            client = self._client(kind, service)
-            client.call_async(request).add_done_callback(
-                lambda done: answer.set_result(done.result()))
-
-        self._jobs.put(call)
+    def _call(self, kind: Any, service: str, request: Any) -> str:
+        """Call a service from another thread, and return the message of its answer."""
+        pending: 'Future[Any]' = Future()
+        self._jobs.put(lambda: self._client(kind, service).call_async(request).add_done_callback(
+            lambda done: pending.set_result(done.result())))
         try:
-            return answer.result(SERVICE_TIMEOUT)
+            answer = pending.result(SERVICE_TIMEOUT)
         except TooLong:
             raise RefusedError(
                 f'{service} has not answered for {SERVICE_TIMEOUT:g} s', 'timeout',
                 service) from None
+        if not answer.success:
+            raise RefusedError(answer.message, 'refused', service)
+        return str(answer.message)
 
     def _publish(self, now: float) -> None:
         if self._goal is not None:

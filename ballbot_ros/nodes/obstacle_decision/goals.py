@@ -5,7 +5,6 @@ import time
 from typing import Any, Callable, Optional, Tuple
 
 from rclpy.action.server import ServerGoalHandle
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from ballbot_ros.action import CrossStep, DriveTo
@@ -15,6 +14,7 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.nodes.obstacle_decision.standstill import Standstill
 from ballbot_ros.ros.action_server import DeferredActionServer
 from ballbot_ros.ros.conversions import decision_message, to_time
+from ballbot_ros.ros.endpoints import create_wall_timer
 
 # Period of the feedback, and timeout of odometry during a goal [s].
 FEEDBACK, SILENCE = 0.1, 10.0
@@ -41,7 +41,7 @@ class GoalServers:
         self._cross = DeferredActionServer(
             node, CrossStep, '~/cross_step', self._check_cross,
             lambda handle: self._begin(self._cross, handle))
-        node.create_timer(1.0, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        create_wall_timer(node, 1.0, self._watch)
 
     def _check(self) -> Motion:
         """Return the motion at the start of a goal; raise `RefusedError` if none can start."""

@@ -332,8 +332,7 @@ def placed(plant: Plant, message: Any, pose: bool, twist: bool) -> State:
                 'orientation must be a quaternion of length 1', 'out_of_range', 'orientation')
         angle = -2.0 * math.atan2(turned.y, turned.w)
         turns = round((state.ball_angle - angle) / math.tau)
-        moved = angle + math.tau * turns - state.ball_angle
-        state = state._replace(x=place.x, y=place.z, ball_angle=state.ball_angle + moved)
+        state = state._replace(x=place.x, y=place.z, ball_angle=angle + math.tau * turns)
         deepest = max((touch.penetration for touch in plant.model.touches(state)), default=0.0)
         if deepest > DEEPEST:
             raise RefusedError(
