@@ -12,7 +12,6 @@ from typing import Any, Callable, NamedTuple, Optional, Sequence, Tuple, Type, U
 
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
-from rclpy.subscription import Subscription
 from sensor_msgs.msg import Imu, JointState
 
 from ballbot_ros.control import JointReadings
@@ -20,6 +19,7 @@ from ballbot_ros.physics.model.state import State
 from ballbot_ros.ros.conversions import sec_nanosec
 from ballbot_ros.ros.endpoints import create_subscription
 from ballbot_ros.ros.frames import JOINTS, LATERAL, LEAN, PENDULUM
+from ballbot_ros.ros.topics import message_class, TOPICS
 from ballbot_ros.steering.model import LateralState
 
 # The encapsulation header of little-endian CDR; alignment is relative to its end.
@@ -133,19 +133,10 @@ def _text(data: bytes, at: int) -> Tuple[str, int]:
     return data[at:end].decode(), end + 1
 
 
-def subscribe_joint_states(node: Node, topic: str, callback: Callable[[AnyJointState], None]
-                           ) -> Subscription:
-    """Return a subscription to joint states; unreadable bytes are logged."""
-    return _subscribe(node, topic, JointState, callback)
+def subscribe_bytes(node: Node, topic: str, callback: Callable[[Any], None]) -> None:
+    """Subscribe to joint states or IMU messages; unreadable bytes are logged."""
+    kind = message_class(TOPICS[topic].type)
 
-
-def subscribe_imu(node: Node, callback: Callable[[AnyImu], None]) -> Subscription:
-    """Return a subscription to IMU messages; unreadable bytes are logged."""
-    return _subscribe(node, 'imu', Imu, callback)
-
-
-def _subscribe(node: Node, topic: str, kind: Type[Any], callback: Callable[[Any], None]
-               ) -> Subscription:
     def take(data: bytes) -> None:
         try:
             message = read(kind, data)
@@ -153,7 +144,7 @@ def _subscribe(node: Node, topic: str, kind: Type[Any], callback: Callable[[Any]
             node.get_logger().warning(f'{topic} refused: {error}', throttle_duration_sec=1.0)
         else:
             callback(message)
-    return create_subscription(node, topic, take, raw=True)
+    create_subscription(node, topic, take, raw=True)
 
 
 class _Layout:

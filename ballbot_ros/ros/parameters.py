@@ -16,7 +16,6 @@ request, or none.  A check may take long (the stability of the laws takes a tent
 more), so for a request by service it runs in a separate thread, and the callbacks use its
 result between two periods.
 """
-from contextlib import contextmanager
 from pathlib import Path
 import sys
 import threading
@@ -41,8 +40,6 @@ Commit = Callable[[], None]
 Prepare = Callable[[S], Commit]
 # Period at which a request that waits for the executor checks that it still exists [s].
 EXECUTOR_CHECK_PERIOD = 0.2
-# Longest time for which a thread keeps the interpreter lock [s].
-SWITCH_INTERVAL = 5e-4
 # Parameters that rclpy itself declares.  Those named qos_overrides are not among them: no
 # publisher or subscriber here uses them, so they would have no effect.
 BUILT_IN = ('use_sim_time', 'start_type_description_service')
@@ -256,7 +253,7 @@ class Changes(Generic[S]):
 
     def _serve(self, parameters: list[Parameter], atomically: bool, response: Any,
                answer: Future) -> None:
-        with self._busy, _yielding():
+        with self._busy:
             batches = [parameters] if atomically else [[one] for one in parameters]
             results = [self._set(batch) for batch in batches]
         if atomically:
@@ -342,17 +339,6 @@ class Changes(Generic[S]):
 
     def _why_fixed(self, item: Described) -> str:
         return why_fixed(item.metadata) if self._prepare else READ_AT_START
-
-
-@contextmanager
-def _yielding() -> Iterator[None]:
-    """Limit the time for which this computation delays other threads."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(min(before, SWITCH_INTERVAL))
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(before)
 
 
 def same(now: Any, wanted: Any) -> bool:

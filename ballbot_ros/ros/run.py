@@ -22,6 +22,9 @@ from ballbot_ros.ros.endpoints import create_wall_timer
 from ballbot_ros.ros.logs import forward_logs
 from ballbot_ros.ros.rclpy_compat import new_executor, RCLError, reason_of
 
+# Longest time for which a thread keeps the interpreter lock [s]: Python's default of 5 ms would
+# delay a motor loop or a callback too long while another thread computes.
+SWITCH_INTERVAL = 5e-4
 # Longest delay of the reaction to a stop signal, or to the failure of a node [s].
 POLL_PERIOD = 0.1
 # Timeout of the middleware shutdown, after the motor is safe [s]; then the process ends.
@@ -109,6 +112,7 @@ def run_together(make_nodes: Sequence[Callable[[], Node]],
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
+    sys.setswitchinterval(SWITCH_INTERVAL)
     reach = discovery.apply(os.environ)
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)

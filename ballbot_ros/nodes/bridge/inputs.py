@@ -15,8 +15,7 @@ from ballbot_ros.imus.source import StampedReading
 from ballbot_ros.nodes.bridge.motor import Clocks, imu_reading, MotorOutputs
 from ballbot_ros.ros.conversions import command_torque, to_seconds
 from ballbot_ros.ros.endpoints import create_trigger, RECEIVED_TIMEOUT, subscribe_e_stop
-from ballbot_ros.ros.message_bytes import (
-    AnyImu, AnyJointState, subscribe_imu, subscribe_joint_states)
+from ballbot_ros.ros.message_bytes import AnyImu, AnyJointState, subscribe_bytes
 from ballbot_ros.ros.set_points import SetPoints
 from ballbot_ros.ros.single_publisher import SinglePublisher
 
@@ -44,7 +43,7 @@ class MotorInputs:
         self._publisher = SinglePublisher(node, 'joint_commands')
         self.imu_refused = 0
         self._received_at = -math.inf  # time of the last message of an engaged e-stop [s]
-        subscribe_joint_states(node, 'joint_commands', self.command)
+        subscribe_bytes(node, 'joint_commands', self.command)
         law = session.law
         set_points = SetPoints(node, self._give, session.set_points_refused,
                                law.record_request if law is not None else lambda _: None,
@@ -52,7 +51,7 @@ class MotorInputs:
         self.authority = Authority(session.hardware.limits.command_timeout) \
             if law is None else set_points.authority
         if not session.hardware.imu_port.port:
-            subscribe_imu(node, self._on_imu)
+            subscribe_bytes(node, 'imu', self._on_imu)
         subscribe_e_stop(node, self._on_e_stop)
         create_trigger(node, '~/engage_e_stop', self._engage)
         create_trigger(node, '~/release_e_stop', self._release)

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node ``bridge``: a real motor on a serial line, and its control laws."""
-import sys
 from typing import Any, List, Optional
 
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -21,7 +20,7 @@ from ballbot_ros.ros.endpoints import create_wall_timer
 from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
 from ballbot_ros.ros.logs import DeferredLogs
-from ballbot_ros.ros.parameters import Commit, declare, refuse_sim_time, SWITCH_INTERVAL
+from ballbot_ros.ros.parameters import Commit, declare, refuse_sim_time
 from ballbot_ros.ros.run import run
 
 NO_SIM_TIME = ('use_sim_time must be false for the bridge: a motor runs in real time; start its '
@@ -148,6 +147,4 @@ class Bridge(ManagedNode):
 
 
 def main(args: Optional[List[str]] = None) -> int:
-    # Python's default of 5 ms would delay the loop too long while another thread computes.
-    sys.setswitchinterval(SWITCH_INTERVAL)
     return run(Bridge, args)

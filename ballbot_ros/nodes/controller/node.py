@@ -16,7 +16,7 @@ from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import lateral_readings, readings
 from ballbot_ros.ros.endpoints import (
     create_publisher, create_wall_timer, subscribe_e_stop, wait_until_received)
-from ballbot_ros.ros.message_bytes import AnyJointState, command_bytes, subscribe_joint_states
+from ballbot_ros.ros.message_bytes import AnyJointState, command_bytes, subscribe_bytes
 from ballbot_ros.ros.parameters import Commit, declare
 from ballbot_ros.ros.retuning import change_period, prepare_laws
 from ballbot_ros.ros.run import run
@@ -41,7 +41,7 @@ class Controller(Node):
         self._lateral: Optional[LateralState] = None  # None for a robot that drives straight
         self._speed = 0.0
         self._commands = create_publisher(self, 'joint_commands')
-        subscribe_joint_states(self, 'joint_states', self._on_state)
+        subscribe_bytes(self, 'joint_states', self._on_state)
         self._set_points = SetPoints(
             self, self._give, self._refused, self._controller.record_request, steers=False)
         subscribe_e_stop(self, self._on_e_stop)

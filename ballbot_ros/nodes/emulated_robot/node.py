@@ -2,7 +2,6 @@
 """The node ``emulated_robot``: a drive on a serial device, the simulated ball and its sensors."""
 from dataclasses import dataclass
 from pathlib import Path
-import sys
 from typing import Any, List, Optional
 
 from rclpy.node import Node
@@ -19,7 +18,7 @@ from ballbot_ros.ros.conversions import (
     ball_state_message, observation_message, odometry_message, terrain_message, to_time)
 from ballbot_ros.ros.endpoints import create_publisher, create_wall_timer
 from ballbot_ros.ros.frames import frame, frame_prefix, Frames
-from ballbot_ros.ros.parameters import Commit, declare, SWITCH_INTERVAL
+from ballbot_ros.ros.parameters import Commit, declare
 from ballbot_ros.ros.retuning import change_period
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import file_in, rate_of, Settings
@@ -152,5 +151,4 @@ class EmulatedRobot(Node):
 
 
 def main(args: Optional[List[str]] = None) -> int:
-    sys.setswitchinterval(SWITCH_INTERVAL)
     return run(EmulatedRobot, args)

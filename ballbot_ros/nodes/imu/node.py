@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node ``imu``: an inertial sensor on a serial line."""
 from dataclasses import dataclass, fields
-import sys
 from typing import Any, List, Optional
 
 from rclpy.node import Node
@@ -11,7 +10,7 @@ from ballbot_ros.errors import LinkError
 from ballbot_ros.imus.source import Axes, ImuPort
 from ballbot_ros.nodes.imu.publisher import ImuOutput
 from ballbot_ros.ros.frames import frame, frame_prefix, Frames
-from ballbot_ros.ros.parameters import Commit, declare, SWITCH_INTERVAL
+from ballbot_ros.ros.parameters import Commit, declare
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import Settings
 
@@ -72,5 +71,4 @@ class ImuNode(Node):
 
 
 def main(args: Optional[List[str]] = None) -> int:
-    sys.setswitchinterval(SWITCH_INTERVAL)
     return run(ImuNode, args)

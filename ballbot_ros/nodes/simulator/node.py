@@ -17,7 +17,7 @@ from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import (
     command_torque, exact, lean_set_point, sec_nanosec, to_seconds, to_time)
 from ballbot_ros.ros.endpoints import create_service, create_trigger, create_wall_timer
-from ballbot_ros.ros.message_bytes import AnyJointState, subscribe_joint_states
+from ballbot_ros.ros.message_bytes import AnyJointState, subscribe_bytes
 from ballbot_ros.ros.parameters import Commit, declare, refuse_sim_time
 from ballbot_ros.ros.retuning import change_period
 from ballbot_ros.ros.run import run
@@ -49,7 +49,7 @@ class Simulator(Node):
                                     settings, self.get_logger(), self._diagnostics.publish,
                                     follow)
         self._publisher = SinglePublisher(self, 'joint_commands')
-        subscribe_joint_states(self, 'joint_commands', self._on_command)
+        subscribe_bytes(self, 'joint_commands', self._on_command)
         for name, do in (('pause', self._pause), ('resume', self._resume), ('reset', self._reset)):
             create_trigger(self, f'~/{name}', do)
         create_service(self, Step, '~/step', self._on_step)

@@ -16,7 +16,7 @@ from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.frames import JOINTS
 from ballbot_ros.ros.message_bytes import (
-    command_bytes, JointStateBytes, read, ReceivedJointState, subscribe_joint_states)
+    command_bytes, JointStateBytes, read, ReceivedJointState, subscribe_bytes)
 
 numbers = strategies.floats(-1e100, 1e100)
 BYTES = JointStateBytes()
@@ -146,7 +146,7 @@ def test_a_node_logs_malformed_bytes_and_continues(make_node, spinner):
     taken, said = [], []
     node = make_node(Node, 'robot')
     publisher = create_publisher(node, 'joint_commands')
-    subscribe_joint_states(node, 'joint_commands', taken.append)
+    subscribe_bytes(node, 'joint_commands', taken.append)
     node.get_logger = lambda: SimpleNamespace(warning=lambda text, **how: said.append(text))
     spinner.add(node)
     for data, arrived in ((b'\0\1\0\0', said), (command_bytes(Time(), 2.0), taken)):
