@@ -8,6 +8,7 @@ from nav_msgs.msg import OccupancyGrid, Odometry
 import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState, LaserScan
+from std_msgs.msg import Header
 
 from ballbot_ros.control import JointReadings, Mode, SetPoint
 from ballbot_ros.decision import (
@@ -168,12 +169,11 @@ def set_point(message: JointState, steers: bool) -> SetPoint:
 
 def set_point_message(stamp: Time, angle: float, yaw_rate: float = 0.0) -> JointState:
     """Return a set-point: an absolute pendulum angle [rad], and a yaw rate [rad/s]."""
-    message = JointState(name=[PENDULUM], position=[angle])
-    if yaw_rate:
-        message = JointState(name=[PENDULUM, YAW], position=[angle, math.nan],
-                             velocity=[math.nan, yaw_rate])
-    message.header.stamp = stamp
-    return message
+    header = Header(stamp=stamp)
+    if not yaw_rate:
+        return JointState(header=header, name=[PENDULUM], position=[angle])
+    return JointState(header=header, name=[PENDULUM, YAW], position=[angle, math.nan],
+                      velocity=[math.nan, yaw_rate])
 
 
 def odometry_message(state: State, frames: Frames, plant: Optional[Plant] = None) -> Odometry:
@@ -222,9 +222,8 @@ def estimated_odometry_message(stamp: float, state: OdometryState, radius: float
 
 def _odometry(stamp: float, pose: Variances, twist: Variances, frames: Frames) -> Odometry:
     """Return odometry with row-major covariances of x, y, z and of rotations about these axes."""
-    message = Odometry(child_frame_id=frames.base)
-    message.header.frame_id = frames.odom
-    message.header.stamp = to_time(stamp)
+    message = Odometry(header=Header(stamp=to_time(stamp), frame_id=frames.odom),
+                       child_frame_id=frames.base)
     message.pose.covariance, message.twist.covariance = pose, twist
     return message
 
@@ -245,8 +244,9 @@ def ball_state_message(state: State, torque: float, model: Model, frames: Frames
     position_x, position_y, heading = pose
     energies = model.energies(state)
     absent = None if model.robot.has_pendulum else math.nan
-    message = BallState(
-        x=state.x, y=state.y, ball_angle=state.ball_angle,
+    return BallState(
+        header=Header(stamp=to_time(state.time), frame_id=frames.odom), x=state.x, y=state.y,
+        ball_angle=state.ball_angle,
         pendulum_angle=state.pendulum_angle if absent is None else absent,
         velocity_x=state.velocity_x, velocity_y=state.velocity_y, ball_rate=state.ball_rate,
         pendulum_rate=state.pendulum_rate if absent is None else absent,
@@ -257,19 +257,14 @@ def ball_state_message(state: State, torque: float, model: Model, frames: Frames
         heading=heading, yaw_rate=lateral.yaw_rate, lean=lateral.lean,
         lean_rate=lateral.lean_rate, tilt=lateral.tilt, tilt_rate=lateral.tilt_rate,
         contacts=[Contact(**touch._asdict()) for touch in model.touches(state)])
-    message.header.frame_id = frames.odom
-    message.header.stamp = to_time(state.time)
-    return message
 
 
 def observation_message(stamp: Time, sight: Sight, sensor: Sensor, frames: Frames
                         ) -> StepObservationMsg:
-    message = StepObservationMsg(
-        detected=sight.detected, distance=sight.distance, height=sight.height,
-        distance_sd=sensor.distance_sd, height_sd=sensor.height_sd)
-    message.header.frame_id = frames.base
-    message.header.stamp = stamp
-    return message
+    return StepObservationMsg(
+        header=Header(stamp=stamp, frame_id=frames.base), detected=sight.detected,
+        distance=sight.distance, height=sight.height, distance_sd=sensor.distance_sd,
+        height_sd=sensor.height_sd)
 
 
 def observation(message: StepObservationMsg) -> StepObservation:
@@ -280,11 +275,9 @@ def observation(message: StepObservationMsg) -> StepObservation:
 
 
 def terrain_message(stamp: Time, sight: TerrainSight, frames: Frames) -> TerrainObservationMsg:
-    message = TerrainObservationMsg(
-        x=sight.x, z=sight.z, z_sd=sight.z_sd, x_min=sight.x_min, x_max=sight.x_max)
-    message.header.frame_id = frames.base
-    message.header.stamp = stamp
-    return message
+    return TerrainObservationMsg(
+        header=Header(stamp=stamp, frame_id=frames.base), x=sight.x, z=sight.z, z_sd=sight.z_sd,
+        x_min=sight.x_min, x_max=sight.x_max)
 
 
 def terrain_observation(message: TerrainObservationMsg) -> TerrainObservation:
@@ -305,12 +298,10 @@ def scan_message(stamp: Time, plant: FloorPlant, beams: int, reach: float, noise
     angles = -math.pi + step * np.arange(beams)
     x, y, heading = plant.pose
     distances = ranges(plant.floor, (x, y), (heading + angles).tolist(), reach)
-    message = LaserScan(
-        angle_min=-math.pi, angle_max=-math.pi + step * (beams - 1), angle_increment=step,
-        range_min=0.0, range_max=reach,
-        ranges=np.maximum(distances + noise, 0.0).astype(np.float32))
-    message.header.frame_id, message.header.stamp = frames.base, stamp
-    return message
+    return LaserScan(
+        header=Header(stamp=stamp, frame_id=frames.base), angle_min=-math.pi,
+        angle_max=-math.pi + step * (beams - 1), angle_increment=step, range_min=0.0,
+        range_max=reach, ranges=np.maximum(distances + noise, 0.0).astype(np.float32))
 
 
 # Occupancy in a message by the value of a cell, see `floors.floor`.
@@ -320,8 +311,8 @@ _OCCUPANCY = np.array([0, -1, 100], np.int8)
 def map_message(floor: Floor, frames: Frames) -> OccupancyGrid:
     """Return the walls of a floor, as map_server publishes them."""
     rows, columns = floor.cells.shape
-    message = OccupancyGrid(data=_OCCUPANCY[floor.cells].ravel())
-    message.header.frame_id = frames.map
+    message = OccupancyGrid(
+        header=Header(frame_id=frames.map), data=_OCCUPANCY[floor.cells].ravel())
     message.info.resolution = floor.resolution
     message.info.width, message.info.height = columns, rows
     message.info.origin.position.x, message.info.origin.position.y = floor.origin
@@ -336,10 +327,10 @@ _REASONS = {reason: getattr(StepDecision, f'REASON_{reason.name}') for reason in
 def decision_message(stamp: Time, decision: Decision, frame: str = FRAMES.base) -> StepDecision:
     """Return a decision as a message, with its distances in a frame."""
     outlook, plan = decision.outlook or Outlook(), decision.plan
-    message = StepDecision(
-        decision=_KINDS[decision.kind], reason=_REASONS[Reason(decision.reason)],
-        speed=decision.set_speed, required_speed=decision.required_speed,
-        reachable_speed=decision.reachable_speed,
+    return StepDecision(
+        header=Header(stamp=stamp, frame_id=frame), decision=_KINDS[decision.kind],
+        reason=_REASONS[Reason(decision.reason)], speed=decision.set_speed,
+        required_speed=decision.required_speed, reachable_speed=decision.reachable_speed,
         height=0.0 if math.isnan(decision.height) else decision.height,
         height_margin=decision.height_margin, distance=decision.distance,
         explanation=decision.explanation, plan=plan.strategy.value if plan else '',
@@ -350,5 +341,3 @@ def decision_message(stamp: Time, decision: Decision, frame: str = FRAMES.base) 
         swing_distance=decision.swing_distance,
         swing_angle=plan.swing_angle if plan and math.isfinite(plan.swing_position) else math.nan,
         attempts=outlook.attempts, others=list(outlook.others))
-    message.header.stamp, message.header.frame_id = stamp, frame
-    return message

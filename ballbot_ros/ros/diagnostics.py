@@ -5,6 +5,7 @@ from typing import Callable, Dict, Mapping, Optional, Tuple
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+from std_msgs.msg import Header
 
 from ballbot_ros.ros.endpoints import create_publisher, create_wall_timer, mismatches
 
@@ -50,9 +51,8 @@ class Diagnostics:
         status = DiagnosticStatus(
             level=level, name=self._name, message=message, hardware_id=self._hardware,
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = self._stamp()
-        self._publisher.publish(array)
+        self._publisher.publish(DiagnosticArray(
+            header=Header(stamp=self._stamp()), status=[status]))
         self._count += 1
         if self._count % MATCH_CHECK_INTERVAL == 2:
             for sentence in mismatches(self._node):

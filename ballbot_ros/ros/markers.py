@@ -4,11 +4,11 @@ import math
 from typing import Iterable, List, Sequence, Tuple
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.node import Node
-from std_msgs.msg import ColorRGBA
+from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ballbot_ros.decision import Decision, Kind
@@ -148,11 +148,9 @@ def _ribbon(vertices: Array) -> List[Place]:
 def _marker(stamp: Time, frame: str, name: str, kind: int, colour: Sequence[float],
             points: Iterable[Place], scale: Place) -> Marker:
     """Return a marker of points; without points, one that deletes the previous marker."""
-    marker = Marker(ns=name, type=kind, action=Marker.ADD, color=ColorRGBA(
-        **dict(zip('rgba', colour))), points=[Point(x=x, y=y, z=z) for x, y, z in points])
-    marker.header.stamp, marker.header.frame_id = stamp, frame
-    marker.pose.orientation.w = 1.0
-    marker.scale.x, marker.scale.y, marker.scale.z = scale
-    if not marker.points:  # viewers warn about an empty list
-        marker.action = Marker.DELETE
-    return marker
+    places = [Point(x=x, y=y, z=z) for x, y, z in points]
+    return Marker(
+        header=Header(stamp=stamp, frame_id=frame), ns=name, type=kind,
+        action=Marker.ADD if places else Marker.DELETE,  # viewers warn about an empty list
+        pose=Pose(orientation=Quaternion(w=1.0)), scale=Vector3(**dict(zip('xyz', scale))),
+        color=ColorRGBA(**dict(zip('rgba', colour))), points=places)

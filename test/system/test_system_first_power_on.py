@@ -87,7 +87,7 @@ class Walk:
         while not self._ending.wait(0.01):
             sample = self.ball.imu()
             self._imu.publish(imu_message(
-                sample.time, sample.turn_rate, sample.forward, sample.upward))
+                sample.time, (0.0, -sample.turn_rate, 0.0), (sample.forward, 0.0, sample.upward)))
 
     # The items, in the order of the page
 

@@ -4,11 +4,12 @@ import logging
 import math
 import threading
 import time
-from typing import Dict, Optional
+from typing import Dict, Optional, Sequence
 
+from geometry_msgs.msg import Vector3
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, Header
 
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.bridge.session import Report, Session
@@ -19,7 +20,7 @@ from ballbot_ros.estimation import Estimate, ImuReading
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.ros.conversions import to_seconds, to_time
 from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
-from ballbot_ros.ros.frames import FRAMES, Frames
+from ballbot_ros.ros.frames import FRAMES
 from ballbot_ros.ros.message_bytes import AnyImu, JointStateBytes
 
 # A child of the logger `bridge`, whose records are deferred: the motor loop reads this clock, too.
@@ -99,15 +100,13 @@ def imu_reading(message: AnyImu, clocks: Clocks) -> ImuReading:
         message.linear_acceleration.x, message.linear_acceleration.z)
 
 
-def imu_message(stamp: float, turn_rate: float, forward: float, upward: float,
-                frames: Frames = FRAMES) -> Imu:
-    """Return an IMU message for a reading in the plane of motion."""
-    message = Imu()
-    message.header.stamp = to_time(stamp)
-    message.header.frame_id = frames.imu
+def imu_message(stamp: float, turn_rate: Sequence[float], force: Sequence[float],
+                frame: str = FRAMES.imu) -> Imu:
+    """Return an IMU message without orientation; the vectors have the axes of the frame."""
+    message = Imu(header=Header(stamp=to_time(stamp), frame_id=frame),
+                  angular_velocity=Vector3(**dict(zip('xyz', turn_rate))),
+                  linear_acceleration=Vector3(**dict(zip('xyz', force))))
     message.orientation_covariance[0] = NOT_REPORTED
-    message.angular_velocity.y = -turn_rate
-    message.linear_acceleration.x, message.linear_acceleration.z = forward, upward
     return message
 
 
@@ -181,38 +180,35 @@ class MotorOutputs:
     def publish_end(self, state: str, session: Session) -> None:
         """Publish the end of the loop and the state of the motor; wait for delivery."""
         e_stop, unconfirmed = session.supervisor.e_stop, session.control.unconfirmed
-        message = MotorStatus(
-            state=state, **_cause(e_stop), derating=1.0,
+        self.publish_e_stop(bool(e_stop))
+        self._state = state
+        self._status.publish(MotorStatus(
+            header=self._header(time.monotonic()), state=state, **_cause(e_stop), derating=1.0,
             warnings=[unconfirmed] if unconfirmed else [],
             control=(MotorStatus.CONTROL_ONBOARD if self._joint_turns.period
                      else MotorStatus.CONTROL_DIRECT),
-            **dict.fromkeys(NUMBERS, math.nan))
-        message.header.stamp = to_time(self._clocks.stamp(time.monotonic()))
-        message.header.frame_id = self._frame
-        self.publish_e_stop(bool(e_stop))
-        self._state = state
-        self._status.publish(message)
+            **dict.fromkeys(NUMBERS, math.nan)))
         wait_until_received(self._status)
+
+    def _header(self, steady: float) -> Header:
+        return Header(stamp=to_time(self._clocks.stamp(steady)), frame_id=self._frame)
 
     def _motor_status(self, report: Report, state: str) -> MotorStatus:
         estimate, drive, law = self._estimate, report.telemetry, report.set_point
-        message = MotorStatus(
-            state=state, **_cause(report.e_stop), torque=report.torque,
+        return MotorStatus(
+            header=self._header(report.time), state=state, **_cause(report.e_stop),
+            torque=report.torque,
             pendulum_angle=estimate.readings.pendulum_angle if estimate else math.nan,
             pendulum_angle_sd=estimate.angle_sd if estimate else math.nan,
             pendulum_rate_sd=estimate.rate_sd if estimate else math.nan,
             current=or_nan(drive.current), bus_voltage=or_nan(drive.bus_voltage),
-            bus_current=or_nan(drive.bus_current), set_value=math.nan,
+            bus_current=or_nan(drive.bus_current),
+            set_value=math.nan if law is None or law.mode is Mode.IDLE else law.value,
             control=MotorStatus.CONTROL_DIRECT if law is None else MotorStatus.CONTROL_ONBOARD,
             law='' if law is None else law.mode.value, derating=report.condition.part,
             warnings=(*drive.warnings, *report.condition.warnings),
             temperature=or_nan(drive.temperature),
             motor_temperature=or_nan(drive.motor_temperature), faults=drive.faults)
-        if law is not None and law.mode is not Mode.IDLE:
-            message.set_value = law.value
-        message.header.stamp = to_time(self._clocks.stamp(report.time))
-        message.header.frame_id = self._frame
-        return message
 
 
 def state_of(report: Report) -> str:

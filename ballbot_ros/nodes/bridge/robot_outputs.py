@@ -4,6 +4,7 @@ import math
 
 from rclpy.node import Node
 from sensor_msgs.msg import BatteryState
+from std_msgs.msg import Header
 
 from ballbot_ros.bridge.condition import Battery, Condition
 from ballbot_ros.bridge.session import Report, Session
@@ -70,8 +71,8 @@ def battery_message(stamp: float, battery: Battery, telemetry: Telemetry,
         health = BatteryState.POWER_SUPPLY_HEALTH_OVERVOLTAGE
     if 'battery_empty' in condition.warnings:
         health = BatteryState.POWER_SUPPLY_HEALTH_DEAD
-    message = BatteryState(
-        voltage=or_nan(voltage),
+    return BatteryState(
+        header=Header(stamp=to_time(stamp), frame_id=frame), voltage=or_nan(voltage),
         current=math.nan if drawn is None else -drawn,  # negative while discharging
         temperature=math.nan, charge=math.nan, capacity=math.nan,
         design_capacity=or_nan(battery.capacity),
@@ -79,5 +80,3 @@ def battery_message(stamp: float, battery: Battery, telemetry: Telemetry,
         power_supply_health=health, present=voltage is not None,
         power_supply_technology=getattr(
             BatteryState, f'POWER_SUPPLY_TECHNOLOGY_{battery.technology.upper()}'))
-    message.header.stamp, message.header.frame_id = to_time(stamp), frame
-    return message

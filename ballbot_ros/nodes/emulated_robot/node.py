@@ -122,7 +122,9 @@ class EmulatedRobot(Node):
         self._before, self._number = state, self._number + 1
         sample = self._imu.sample(before, state, self._number)
         if self._imu_line is None:
-            self._readings.publish(imu_message(now, *sample[1:], self._frames))
+            self._readings.publish(imu_message(
+                now, (0.0, -sample.turn_rate, 0.0), (sample.forward, 0.0, sample.upward),
+                self._frames.imu))
         else:
             self._imu_line.measure(*sample[1:])
         here = state._replace(time=now)

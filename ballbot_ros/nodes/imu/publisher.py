@@ -9,9 +9,8 @@ from sensor_msgs.msg import Imu
 
 from ballbot_ros.errors import LinkError
 from ballbot_ros.imus.source import ImuPort, open_source, StampedReading
-from ballbot_ros.nodes.bridge.motor import Clocks, NOT_REPORTED
+from ballbot_ros.nodes.bridge.motor import Clocks, imu_message
 from ballbot_ros.ros import diagnostics
-from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.endpoints import create_publisher, has_subscribers
 from ballbot_ros.ros.frames import FRAMES
 
@@ -78,15 +77,10 @@ class ImuOutput:
             self.failure = LinkError(f'the reading thread ended: {error!r}', 'ended', 'port')
 
     def _message(self, reading: StampedReading) -> Imu:
-        message = Imu()
-        message.header.stamp = to_time(self._clocks.stamp(reading.stamp))
-        message.header.frame_id = self._frame
-        message.orientation_covariance[0] = NOT_REPORTED
+        message = imu_message(self._clocks.stamp(reading.stamp), reading.turn_rate,
+                              reading.force, self._frame)
         message.angular_velocity_covariance, message.linear_acceleration_covariance = \
             self._covariances
-        rate, force = message.angular_velocity, message.linear_acceleration
-        rate.x, rate.y, rate.z = reading.turn_rate
-        force.x, force.y, force.z = reading.force
         return message
 
     def _health(self) -> diagnostics.Health:
