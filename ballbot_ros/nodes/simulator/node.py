@@ -100,9 +100,6 @@ class Simulator(Node):
         return f'paused at t = {self._plant.time:.3f} s'
 
     def _resume(self) -> str:
-        if self._scheduler.failure is not None:
-            raise RefusedError(f'{self._scheduler.failure}; call ~/reset first', 'failed',
-                               'simulation')
         self._scheduler.resume()
         return f'running from t = {self._plant.time:.3f} s'
 
@@ -122,14 +119,12 @@ class Simulator(Node):
             answer.set_result(response)
 
         response.time = to_time(self._plant.time)
-        if self._scheduler.failure is not None:
-            response.message = f'{self._scheduler.failure}; call ~/reset first'
-        elif not self._scheduler.paused:
-            response.message = 'not paused: call ~/pause first'
-        else:
+        try:
             self._scheduler.step(max(1, request.periods)).add_done_callback(finish)
-            return answer
-        return response
+        except RefusedError as error:
+            response.message = str(error)
+            return response
+        return answer
 
     def _health(self) -> Tuple[bytes, str, dict]:
         values = {

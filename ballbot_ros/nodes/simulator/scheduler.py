@@ -9,7 +9,7 @@ from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 
 from ballbot_ros.control import CommandGate
-from ballbot_ros.errors import SimulationError
+from ballbot_ros.errors import RefusedError, SimulationError
 from ballbot_ros.nodes.simulator.laws_inside import LawsInside
 from ballbot_ros.nodes.simulator.outputs import Outputs
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings
@@ -177,13 +177,18 @@ class Scheduler:
         self._run_on(0)
 
     def resume(self) -> None:
-        self._run_on(None)
-        self._restart()
+        """Run without a limit; raise `RefusedError` after a failure."""
+        self._start(None)
 
     def step(self, periods: int) -> Future:
-        """Run some periods, then pause; return a future of whether all of them ran."""
-        self._run_on(periods)
-        self._restart()
+        """
+        Run some periods, then pause; return a future of whether all of them ran.
+
+        Raises `RefusedError` after a failure, or while time is not stopped.
+        """
+        if self.failure is None and not self.paused:
+            raise RefusedError('not paused: call ~/pause first', 'refused', 'simulation')
+        self._start(periods)
         self._steps = Future()
         return self._steps
 
@@ -213,6 +218,12 @@ class Scheduler:
     def put(self, state: State) -> None:
         self._plant.put(state)
         self._publish(everything=True)
+
+    def _start(self, periods: Optional[int]) -> None:
+        if self.failure is not None:
+            raise RefusedError(f'{self.failure}; call ~/reset first', 'failed', 'simulation')
+        self._run_on(periods)
+        self._restart()
 
     def _run_on(self, periods: Optional[int]) -> None:
         """End unfinished steps, and set the number of periods to run; None: unlimited."""

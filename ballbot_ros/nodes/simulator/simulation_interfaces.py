@@ -39,7 +39,7 @@ FEEDBACK = 0.05  # period of the feedback [s of wall time]
 
 
 class Refusal(RefusedError):
-    """The refusal of a request, with a result code of simulation_interfaces."""
+    """The refusal of a request, with its result code if that is not RESULT_OPERATION_FAILED."""
 
     def __init__(self, code: int, why: str):
         super().__init__(why, 'refused', 'request')
@@ -114,10 +114,10 @@ class Interfaces:
         if state == self._state:
             raise Refusal(answer.ALREADY_IN_TARGET_STATE, 'already in this state')
         if state == named.STATE_PLAYING:
-            if self._scheduler.failure is not None:
-                raise Refusal(answer.STATE_TRANSITION_ERROR,
-                              f'{self._scheduler.failure}; stop or reset first')
-            self._scheduler.resume()
+            try:
+                self._scheduler.resume()
+            except RefusedError as error:
+                raise Refusal(answer.STATE_TRANSITION_ERROR, str(error)) from None
         elif state == named.STATE_STOPPED:
             self._scheduler.pause()
             self._scheduler.reset()
@@ -138,37 +138,31 @@ class Interfaces:
 
     # Steps
 
-    def _check_steps(self, steps: int) -> None:
-        if self._scheduler.failure is not None:
-            raise Refusal(Result.RESULT_OPERATION_FAILED,
-                          f'{self._scheduler.failure}; reset first')
-        if not self._scheduler.paused:
-            raise Refusal(Result.RESULT_OPERATION_FAILED, 'not paused: pause first')
+    def _run(self, steps: int) -> Future:
         if steps < 1:
-            raise Refusal(Result.RESULT_OPERATION_FAILED, 'steps must be at least 1, got 0')
+            raise RefusedError('steps must be at least 1, got 0', 'out_of_range', 'steps')
+        return self._scheduler.step(steps)
 
     def _step(self, request: Any, response: Any) -> Any:
-        try:
-            self._check_steps(request.steps)
-        except Refusal as refusal:
-            return _refused(response, refusal)
         answer = Future()
 
         def finish(run: Future) -> None:
             answer.set_result(_ended(response, bool(run.result())))
 
-        self._scheduler.step(request.steps).add_done_callback(finish)
+        try:
+            self._run(request.steps).add_done_callback(finish)
+        except RefusedError as error:
+            return _refused(response, error)
         return answer
 
     def _begin(self, handle: ServerGoalHandle) -> None:
-        steps = handle.request.steps
         try:
-            self._check_steps(steps)
-        except Refusal as refusal:
+            run = self._run(handle.request.steps)
+        except RefusedError as error:
             handle.abort()
-            return self._steps.finish(handle, _refused(SimulateSteps.Result(), refusal))
+            return self._steps.finish(handle, _refused(SimulateSteps.Result(), error))
         goal = self._goal = handle, self._plant.periods
-        self._scheduler.step(steps).add_done_callback(partial(self._finish, *goal))
+        run.add_done_callback(partial(self._finish, *goal))
 
     def _finish(self, handle: ServerGoalHandle, first: int, run: Future) -> None:
         self._publish_state(handle, first)
@@ -257,20 +251,21 @@ class Interfaces:
 
 
 def _answering(act: Any) -> Any:
-    """Return a service callback that reports a `Refusal` of `act` in the response."""
+    """Return a service callback that reports a `RefusedError` of `act` in the response."""
     def callback(request: Any, response: Any) -> Any:
         if hasattr(response, 'result'):
             response.result.result = Result.RESULT_OK
         try:
             act(request, response)
-        except Refusal as refusal:
-            return _refused(response, refusal)
+        except RefusedError as error:
+            return _refused(response, error)
         return response
     return callback
 
 
-def _refused(response: Any, refusal: Refusal) -> Any:
-    response.result.result, response.result.error_message = refusal.code, str(refusal)
+def _refused(response: Any, error: RefusedError) -> Any:
+    response.result.result = getattr(error, 'code', Result.RESULT_OPERATION_FAILED)
+    response.result.error_message = str(error)
     return response
 
 

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
+from refusals import refused
 from rosgraph_msgs.msg import Clock
 
 from ballbot_ros.control import CommandGate
@@ -157,6 +158,10 @@ def test_a_failure_ends_the_step_is_logged_once_and_is_cleared_by_reset(clock):
     assert sum('Nothing is published until ~/reset' in text for text in setup.log) == 1
     published = setup.outputs.published
     assert published == setup.plant.periods + 1
+    for act in (setup.scheduler.resume, lambda: setup.scheduler.step(1)):
+        with refused('failed', 'simulation'):
+            act()
+    assert setup.scheduler.paused
     setup.scheduler.reset()
     assert setup.scheduler.failure is None and setup.outputs.published == published + 1
     assert setup.scheduler.paused
@@ -189,6 +194,8 @@ def test_a_step_counts_down_and_then_pauses_and_an_interruption_leaves_it_incomp
     tick(setup, clock, 5.0 * period)
     assert control.paused and done.result() is True and setup.plant.periods == 2
     ended = control.step(3)
+    with refused('refused', 'simulation'):
+        control.step(1)
     control.pause()
     assert control.paused and ended.result() is False
     ended = control.step(3)
