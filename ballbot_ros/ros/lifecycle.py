@@ -58,20 +58,14 @@ class ManagedNode(LifecycleNode):
             return False
         return self.state_label == INACTIVE and self.trigger_activate() is SUCCESS
 
+    def autostart(self) -> None:
+        """Start with retries, until this succeeds or an external manager takes over."""
+        self._retries = create_wall_timer(self, START_RETRY_PERIOD, self._try_start)
+        self._try_start()
 
-class Autostart:
-    """Configures and activates a node, with retries, until an external manager takes over."""
-
-    def __init__(self, node: ManagedNode):
-        self._node = node
-        self._timer = create_wall_timer(node, START_RETRY_PERIOD, self._try)
-        self._try()
-
-    def _try(self) -> None:
-        node = self._node
-        if node.managed or node.state_label not in (UNCONFIGURED, INACTIVE):
-            node.get_logger().info(
-                f'autostart leaves the node {node.state_label}, as requested')
-            self._timer.cancel()
-        elif node.start():
-            self._timer.cancel()
+    def _try_start(self) -> None:
+        if self.managed or self.state_label not in (UNCONFIGURED, INACTIVE):
+            self.get_logger().info(f'autostart leaves the node {self.state_label}, as requested')
+            self._retries.cancel()
+        elif self.start():
+            self._retries.cancel()

@@ -18,7 +18,7 @@ from ballbot_ros.nodes.imu.publisher import ImuOutput
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.endpoints import create_wall_timer
 from ballbot_ros.ros.frames import Frames
-from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
+from ballbot_ros.ros.lifecycle import FAILURE, ManagedNode, SUCCESS
 from ballbot_ros.ros.logs import DeferredLogs
 from ballbot_ros.ros.parameters import Commit, declare, refuse_sim_time
 from ballbot_ros.ros.run import run
@@ -65,7 +65,7 @@ class Bridge(ManagedNode):
             self._session.robot.name)
         create_wall_timer(self, MONITOR_PERIOD, self._monitor)
         if settings.autostart:
-            Autostart(self)
+            self.autostart()
 
     def _prepare(self, wanted: BridgeSettings) -> Commit:
         """Check new parameters; return a function that applies them."""

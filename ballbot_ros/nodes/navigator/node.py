@@ -32,7 +32,7 @@ from ballbot_ros.ros.conversions import exact, terrain_observation, to_seconds
 from ballbot_ros.ros.endpoints import (
     create_subscription, create_trigger, create_wall_timer, subscribe_e_stop)
 from ballbot_ros.ros.frames import FRAMES
-from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
+from ballbot_ros.ros.lifecycle import FAILURE, ManagedNode, SUCCESS
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
 
@@ -87,7 +87,7 @@ class NavigatorNode(ManagedNode):
             self, 'navigation', self._health, self._robot.name)
         create_wall_timer(self, 1.0, self._watch)
         if self._settings.autostart:
-            Autostart(self)
+            self.autostart()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read floor and learned file, and compute the crossings."""

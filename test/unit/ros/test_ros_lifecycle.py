@@ -7,7 +7,7 @@ from lifecycle_msgs.srv import ChangeState
 import pytest
 from rclpy.node import Node
 
-from ballbot_ros.ros.lifecycle import Autostart, FAILURE, ManagedNode, SUCCESS
+from ballbot_ros.ros.lifecycle import FAILURE, ManagedNode, SUCCESS
 
 # Transitions that a client may request, except shutdown, and invalid ones.
 TRANSITIONS = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP,
@@ -63,10 +63,10 @@ def test_a_refusal_names_the_possible_transitions(machine, capfd):
 def test_a_node_starts_by_itself_as_soon_as_possible(machine):
     node, _ = machine
     node.drive = False
-    start = Autostart(node)
+    node.autostart()
     assert node.state_label == 'unconfigured'
     node.drive = True
-    start._try()
+    node._try_start()
     assert node.state_label == 'active'
 
 
@@ -82,18 +82,18 @@ def test_a_partial_start_is_completed(machine):
 def test_a_request_for_a_state_ends_the_autostart(machine, asked, left):
     node, ask = machine
     node.drive = False
-    start = Autostart(node)
+    node.autostart()
     node.drive = True
     assert ask(asked)
-    start._try()
-    assert node.state_label == left and start._timer.is_canceled()
+    node._try_start()
+    assert node.state_label == left and node._retries.is_canceled()
 
 
 def test_a_failed_request_does_not_end_the_autostart(machine):
     node, ask = machine
     node.drive = False
-    start = Autostart(node)
+    node.autostart()
     assert not ask(Transition.TRANSITION_ACTIVATE)
     node.drive = True
-    start._try()
+    node._try_start()
     assert node.state_label == 'active'
