@@ -159,12 +159,17 @@ def test_a_closed_or_full_socket_does_no_harm(systemd):
     service.stopping()
 
 
-@pytest.mark.parametrize('path', UNITS, ids=lambda path: path.stem)
-def test_the_units_are_well_formed_and_run_existing_nodes(path):
-    unit = configparser.ConfigParser(strict=True, interpolation=None)
+def service_in(path):
+    """Return the section Service of a unit file."""
+    unit = configparser.ConfigParser(interpolation=None)
     unit.optionxform = str
     unit.read(path)
-    service = unit['Service']
+    return unit['Service']
+
+
+@pytest.mark.parametrize('path', UNITS, ids=lambda path: path.stem)
+def test_the_units_are_well_formed_and_run_existing_nodes(path):
+    service = service_in(path)
     node = path.stem.split('-')[1]
     assert f'/lib/ballbot_ros/{node}"' in service['ExecStart']
     assert f'/etc/ballbot/{node}.yaml' in service['ExecStart']
@@ -175,10 +180,7 @@ def test_the_units_are_well_formed_and_run_existing_nodes(path):
 
 
 def test_the_unit_of_the_bridge_grants_the_limits_and_the_watchdog_of_its_parameters():
-    unit = configparser.ConfigParser(interpolation=None)
-    unit.optionxform = str
-    unit.read(ROOT / 'config' / 'systemd' / 'ballbot-bridge.service')
-    service = unit['Service']
+    service = service_in(ROOT / 'config' / 'systemd' / 'ballbot-bridge.service')
     parameters = yaml.safe_load((ROOT / 'config' / 'systemd' / 'bridge.yaml').read_text())
     values = parameters['/**']['ros__parameters']
     assert service['Type'] == 'notify' and float(service['WatchdogSec']) > 0.0
@@ -189,10 +191,7 @@ def test_the_unit_of_the_bridge_grants_the_limits_and_the_watchdog_of_its_parame
 @pytest.mark.parametrize('path', UNITS, ids=lambda path: path.stem)
 def test_logs_black_box_and_machine_code_are_in_writable_folders_of_the_service(path):
     # rclpy does not start if it cannot create its log folder.
-    unit = configparser.ConfigParser(interpolation=None)
-    unit.optionxform = str
-    unit.read(path)
-    service = unit['Service']
+    service = service_in(path)
     environment = dict(pair.split('=') for pair in service['Environment'].split())
     assert service['ProtectHome'] == 'read-only'
     assert environment['ROS_HOME'] == f'/var/lib/{service["StateDirectory"]}'
