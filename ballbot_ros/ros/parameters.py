@@ -29,8 +29,7 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 import yaml
 
-from ballbot_ros.config.fields import (
-    allowed, check_value, READ_AT_START, suggestion, why_fixed)
+from ballbot_ros.config.fields import allowed, check_value, suggestion, why_fixed
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.ros.rclpy_compat import answer_later, parameter_overrides, parameter_services
 from ballbot_ros.ros.settings import Described, S
@@ -45,9 +44,9 @@ EXECUTOR_CHECK_PERIOD = 0.2
 BUILT_IN = ('use_sim_time', 'start_type_description_service')
 
 
-def describe(metadata: Mapping[str, Any], why: str) -> ParameterDescriptor:
-    """Return the descriptor of a described field; `why` it cannot change is empty if it can."""
-    unit = metadata.get('unit', '1')
+def describe(metadata: Mapping[str, Any]) -> ParameterDescriptor:
+    """Return the descriptor of a described field."""
+    unit, why = metadata.get('unit', '1'), why_fixed(metadata)
     text = metadata['doc'] + ('' if unit == '1' else f' [{unit}]')
     text += f'. Cannot change while the node runs: {why}' if why else (
         '. Can change while the node runs')
@@ -74,14 +73,14 @@ def refuse_sim_time(node: Node, explanation: str) -> bool:
     return bool(node.get_parameter('use_sim_time').value)
 
 
-def declare(node: Node, cls: Type[S], prepare: Optional[Prepare[S]] = None) -> S:
+def declare(node: Node, cls: Type[S], prepare: Prepare[S] = lambda _: lambda: None) -> S:
     """
     Declare the parameters of a node, and permit changes at run time where possible.
 
     `prepare` takes settings requested while the node runs; it raises `BallbotError` if they are
-    invalid, or returns a function that applies them, see `Changes`.  Without it no parameter can
-    change.  Returns the checked settings; raises `ConfigurationError` for an invalid value, or for
-    an override that is not a parameter, with the most similar name.
+    invalid, or returns a function that applies them, see `Changes`.  A node without parameters
+    that can change needs none.  Returns the checked settings; raises `ConfigurationError` for an
+    invalid value, or for an override that is not a parameter, with the most similar name.
     """
     described = cls.described()
     refuse_unknown_overrides(node, described)
@@ -94,8 +93,7 @@ def declare(node: Node, cls: Type[S], prepare: Optional[Prepare[S]] = None) -> S
             parameter_overrides(node)[name] = Parameter(name, value=given[name])
     settings = cls.of(given)
     for name, item in described.items():
-        why = why_fixed(item.metadata) if prepare else READ_AT_START
-        node.declare_parameter(name, item.value(settings), describe(item.metadata, why))
+        node.declare_parameter(name, item.value(settings), describe(item.metadata))
     node.get_logger().info('running with ' + (', '.join(
         f'{name} {described[name].value(settings)!r}' for name in given) or 'default parameters'))
     Changes(node, settings, prepare)
@@ -198,7 +196,7 @@ class Changes(Generic[S]):
     `prepare`, see `declare`, may be called from any thread, one at a time.
     """
 
-    def __init__(self, node: Node, settings: S, prepare: Optional[Prepare[S]]):
+    def __init__(self, node: Node, settings: S, prepare: Prepare[S]):
         self._node, self._settings = node, settings
         self._prepare = prepare
         self._described: dict[str, Described] = settings.described()
@@ -233,7 +231,7 @@ class Changes(Generic[S]):
     def _live_name(self) -> str:
         """Return the name of a parameter that is not read-only, and no other node monitors."""
         for name, item in self._described.items():
-            if not item.part and item.metadata['kind'] is not str and not self._why_fixed(item):
+            if not item.part and item.metadata['kind'] is not str and not why_fixed(item.metadata):
                 return name
         return 'use_sim_time'
 
@@ -318,7 +316,7 @@ class Changes(Generic[S]):
             self._refuse_fixed(name, changed[name], where)
         text = ', '.join(f'{name} {self._described[name].value(self._settings)!r} -> {value!r}'
                          for name, value in changed.items())
-        commit = self._prepare(wanted) if changed and self._prepare else (lambda: None)
+        commit = self._prepare(wanted) if changed else (lambda: None)
         own = [Parameter(name, value=value) for name, value in changed.items()]
         return Change('', [*foreign, *own], wanted, commit, text)
 
@@ -330,15 +328,12 @@ class Changes(Generic[S]):
                 one.name, _number(one.value, item.metadata['kind']), item.metadata, where)
 
     def _refuse_fixed(self, name: str, value: Any, where: str) -> None:
-        why = self._why_fixed(self._described[name])
+        why = why_fixed(self._described[name].metadata)
         if why:
             text = str(value).lower() if isinstance(value, bool) else value
             raise ConfigurationError(
                 f'{where}: {name} cannot change while the node runs: {why}; restart it with '
                 f'-p {name}:={text}', 'fixed', name)
-
-    def _why_fixed(self, item: Described) -> str:
-        return why_fixed(item.metadata) if self._prepare else READ_AT_START
 
 
 def same(now: Any, wanted: Any) -> bool:

@@ -83,7 +83,7 @@ def summary(session: Session, loop: Optional[Loop]) -> Tuple[bytes, str]:
 
 
 def health(session: Session, loop: Optional[Loop], imu_refused: int,
-           authority: Optional[Authority] = None) -> diagnostics.Health:
+           authority: Authority) -> diagnostics.Health:
     """
     Return level, message and the values of `VALUES`.
 
@@ -114,7 +114,7 @@ def health(session: Session, loop: Optional[Loop], imu_refused: int,
         'imu': ('silent' if not has_imu else
                 'returning' if imu.silent else 'received'),
         'imu_silences': imu.silences,
-        'commander': authority and authority.holder or '',
+        'commander': authority.holder or '',
         'commands_accepted': supervisor.gate.accepted, 'commands_refused': sum(refused.values()),
         **{f'refused_{reason}': number for reason, number in refused.items()},
         'imu_refused': imu_refused,
@@ -141,7 +141,7 @@ def health(session: Session, loop: Optional[Loop], imu_refused: int,
         return diagnostics.ERROR, f'the drive reports {faults}', values
     if session.control.refusal:
         return diagnostics.ERROR, session.control.refusal, values
-    if authority is not None and authority.contested(now):
+    if authority.contested(now):
         return diagnostics.WARN, authority.contest, values
     if sensing.needs_imu(now):
         return diagnostics.ERROR, (

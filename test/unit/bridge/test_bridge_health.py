@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from virtual_robot import VirtualRobot
 
-from ballbot_ros.control import Mode, SetPoint
+from ballbot_ros.control import Authority, Mode, SetPoint
 from ballbot_ros.errors import LinkError, MessageError
 
 pytest.importorskip('rclpy')
@@ -21,7 +21,7 @@ DOCUMENT = Path(__file__).resolve().parents[3] / 'docs' / 'nodes.md'
 
 def described(robot, loop=LOOP, imu_refused=0):
     """Return level, message and values."""
-    return health(robot.session, loop, imu_refused)
+    return health(robot.session, loop, imu_refused, Authority(0.1))
 
 
 def values(robot, **others):

@@ -136,8 +136,7 @@ def test_an_e_stop_aborts_a_goal_and_new_goals_are_refused_until_resume(start):
     graph.node.e_stop.publish(Bool(data=False))
     resume = graph.node.create_client(Trigger, 'obstacle_decision/resume')
     graph.wait(resume.service_is_ready)
-    graph.wait(lambda: graph.done(resume.call_async(Trigger.Request())).success,
-               'it may go on')
+    graph.wait(lambda: graph.done(resume.call_async(Trigger.Request())).success)
     assert graph.send(DriveTo, target=1.0, relative=True).accepted
 
 

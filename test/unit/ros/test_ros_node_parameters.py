@@ -179,6 +179,12 @@ def test_a_bridge_passes_gains_and_timeouts_to_its_loop(start):
     assert law._controller._tuning.position_kp == 7.0
 
 
+def test_each_parameter_of_a_navigator_is_fixed_for_its_own_reason(start):
+    node = start(NavigatorNode, autostart=False)
+    assert '~/reload' in node.describe_parameter('floor').description
+    assert refuses(node, floor='hall') and '~/reload' in changed(node, floor='hall')
+
+
 def test_the_axes_of_an_imu_can_change(start):
     node = start(ImuNode)
     assert changed(node, axes='-y x z', gyro_sd=0.01) == ''
