@@ -243,14 +243,14 @@ def ball_state_message(state: State, torque: float, model: Model, frames: Frames
     """
     position_x, position_y, heading = pose
     energies = model.energies(state)
-    absent = None if model.robot.has_pendulum else math.nan
+    pendulum_angle, pendulum_rate, pendulum_torque = (
+        state.pendulum_angle, state.pendulum_rate, torque
+    ) if model.robot.has_pendulum else 3 * (math.nan,)
     return BallState(
         header=Header(stamp=to_time(state.time), frame_id=frames.odom), x=state.x, y=state.y,
-        ball_angle=state.ball_angle,
-        pendulum_angle=state.pendulum_angle if absent is None else absent,
-        velocity_x=state.velocity_x, velocity_y=state.velocity_y, ball_rate=state.ball_rate,
-        pendulum_rate=state.pendulum_rate if absent is None else absent,
-        pendulum_torque=torque if absent is None else absent,
+        ball_angle=state.ball_angle, pendulum_angle=pendulum_angle, velocity_x=state.velocity_x,
+        velocity_y=state.velocity_y, ball_rate=state.ball_rate, pendulum_rate=pendulum_rate,
+        pendulum_torque=pendulum_torque,
         kinetic_energy=energies.kinetic, potential_energy=energies.potential,
         contact_energy=energies.contact, dissipated_energy=state.dissipated_energy,
         motor_work=state.motor_work, position_x=position_x, position_y=position_y,

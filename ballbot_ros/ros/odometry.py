@@ -3,7 +3,7 @@
 import math
 from typing import Any, Callable, List, Optional, Sequence, Tuple
 
-from geometry_msgs.msg import Transform, TransformStamped
+from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -119,10 +119,7 @@ def _transform(header: Header, parent: str, child: str,
                translation: Sequence[float] = (0.0, 0.0, 0.0),
                rotation: Sequence[float] = (0.0, 0.0, 0.0, 1.0)) -> TransformStamped:
     """Return a transform of a translation [m] and a quaternion (x, y, z, w)."""
-    transform = Transform()
-    for name, value in zip('xyz', translation):
-        setattr(transform.translation, name, float(value))
-    for name, value in zip('xyzw', rotation):
-        setattr(transform.rotation, name, float(value) + 0.0)
-    return TransformStamped(header=Header(stamp=header.stamp, frame_id=parent),
-                            child_frame_id=child, transform=transform)
+    return TransformStamped(
+        header=Header(stamp=header.stamp, frame_id=parent), child_frame_id=child,
+        transform=Transform(translation=Vector3(**dict(zip('xyz', map(float, translation)))),
+                            rotation=Quaternion(**dict(zip('xyzw', map(float, rotation))))))

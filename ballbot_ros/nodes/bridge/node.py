@@ -68,7 +68,6 @@ class Bridge(ManagedNode):
             self.autostart()
 
     def _prepare(self, wanted: BridgeSettings) -> Commit:
-        """Check new parameters; return a function that applies them."""
         hand_over = prepare_session(self._session, self._settings, wanted)
 
         def commit() -> None:

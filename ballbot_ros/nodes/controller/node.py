@@ -52,7 +52,6 @@ class Controller(Node):
         self.get_logger().info(f'these gains need joint states at {lowest:.0f} Hz or more')
 
     def _prepare(self, wanted: ControllerSettings) -> Commit:
-        """Check new parameters; return a function that applies them."""
         hand_over = prepare_laws(
             self._controller, self._robot, self._settings.loop, wanted.loop, wanted.supervision)
 

@@ -102,7 +102,6 @@ class EmulatedRobot(Node):
                    force_sd=settings.force_sd, bias=settings.gyro_bias)
 
     def _prepare(self, wanted: EmulatedRobotSettings) -> Commit:
-        """Return a function that applies new parameters."""
         def commit() -> None:
             self._imu = self._new_imu(wanted)
             change_period(self._timer, 1.0 / wanted.imu_rate)

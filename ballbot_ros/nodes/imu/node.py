@@ -53,7 +53,6 @@ class ImuNode(Node):
         self._output = ImuOutput(self, settings.as_port, Frames.of(settings).imu)
 
     def _prepare(self, wanted: ImuSettings) -> Commit:
-        """Check new parameters; return a function that applies them."""
         axes = Axes(wanted.axes)
 
         def commit() -> None:

@@ -80,7 +80,6 @@ class ObstacleDecision(Node):
             self, 'decision', self._health, knowledge.robot.name)
 
     def _prepare(self, wanted: DecisionSettings) -> Commit:
-        """Check new parameters; return a function that applies them."""
         return self._decider.prepare(load_knowledge(wanted))
 
     def _refusal(self, topic: str) -> str:

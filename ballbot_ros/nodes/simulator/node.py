@@ -57,7 +57,6 @@ class Simulator(Node):
         self._timer = create_wall_timer(self, self._scheduler.interval, self._scheduler.tick)
 
     def _prepare(self, wanted: SimulatorSettings) -> Commit:
-        """Check new parameters; return a function that applies them between two periods."""
         check_control(wanted)
         steps = [self._outputs.prepare(wanted)]
         if self._laws is not None:
