@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.cli.command import main
-from ballbot_ros.physics import load_scene, Model, Terrain
+from ballbot_ros.physics import Model, State, Terrain
 from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.urdf import BAND_SEGMENTS, robot_description
 
@@ -74,18 +74,15 @@ def centre_of_mass(tree, name, frames):
     return (frames[name] @ placed(inertial))[:3, 3]
 
 
-def test_the_links_have_the_positions_of_the_model(gimball):
-    run = load_scene('fig7_top').simulate()
-    for row in (0, len(run['x']) // 2, -1):
-        x, y, phi = (float(run[name][row]) for name in ('x', 'y', 'pendulum_angle'))
-        state = Model(gimball, Terrain.flat()).at_rest(0.0)._replace(
-            x=x, y=y, ball_angle=float(run['ball_angle'][row]), pendulum_angle=phi)
-        frames = posed(gimball, state)
-        assert frames['base_link'][:3, 3] == pytest.approx([x, 0.0, y])
-        assert frames['base_link'][:3, :3] == pytest.approx(np.eye(3))
-        length = gimball.pendulum_length
-        assert centre_of_mass(described(gimball), 'pendulum_link', frames) == pytest.approx(
-            [x + length * math.sin(phi), 0.0, y - length * math.cos(phi)])
+@pytest.mark.parametrize('x, y, ball_angle, phi', [
+    (0.0, 0.226, 0.0, 0.0), (1.4, 0.31, -6.2, 0.9), (-0.3, 0.226, 2.0, -2.5)])
+def test_the_links_have_the_positions_of_the_model(gimball, x, y, ball_angle, phi):
+    frames = posed(gimball, State(x=x, y=y, ball_angle=ball_angle, pendulum_angle=phi))
+    assert frames['base_link'][:3, 3] == pytest.approx([x, 0.0, y])
+    assert frames['base_link'][:3, :3] == pytest.approx(np.eye(3))
+    length = gimball.pendulum_length
+    assert centre_of_mass(described(gimball), 'pendulum_link', frames) == pytest.approx(
+        [x + length * math.sin(phi), 0.0, y - length * math.cos(phi)])
 
 
 def test_the_lowest_point_of_a_rolling_ball_is_at_rest(gimball):
