@@ -91,7 +91,7 @@ def declare(node: Node, cls: Type[S], prepare: Prepare[S] = lambda _: lambda: No
             given[name] = check_value(name, parameter.value, described[name].metadata,
                                       f'node {node.get_name()}')
             parameter_overrides(node)[name] = Parameter(name, value=given[name])
-    settings = cls.of(given)
+    settings = cls().changed(given)
     for name, item in described.items():
         node.declare_parameter(name, item.value(settings), describe(item.metadata))
     node.get_logger().info('running with ' + (', '.join(

@@ -84,24 +84,12 @@ class Settings(Checked):
         return found
 
     @classmethod
-    def of(cls: Type[S], values: Mapping[str, Any]) -> S:
-        """
-        Return settings with these values of parameters, and defaults for the others.
-
-        Raises `ConfigurationError` if a file cannot be read, or values are inconsistent.
-        """
-        described = cls.described()
-        own = {name: value for name, value in values.items() if not described[name].part}
-        return cls(**own).changed(
-            {name: value for name, value in values.items() if name not in own})
-
-    @classmethod
     def from_mapping(cls: Type[S], mapping: Any, where: str) -> S:
         """Return settings from parameter names and values; see `Checked.from_mapping`."""
         given, described = expect_mapping(mapping, where), cls.described()
         refuse_unknown(given, described, where)
-        return cls.of({name: check_value(name, value, described[name].metadata, where)
-                       for name, value in given.items()})
+        return cls().changed({name: check_value(name, value, described[name].metadata, where)
+                              for name, value in given.items()})
 
     def changed(self: S, values: Mapping[str, Any]) -> S:
         """
@@ -109,7 +97,7 @@ class Settings(Checked):
 
         A new file name reloads all of its values, except those given explicitly.
 
-        Raises `ConfigurationError` as `of` does.
+        Raises `ConfigurationError` if a file cannot be read, or values are inconsistent.
         """
         described = self.described()
         own = {name: value for name, value in values.items() if not described[name].part}

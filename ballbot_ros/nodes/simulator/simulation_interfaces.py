@@ -46,14 +46,13 @@ class Refusal(RefusedError):
         self.code = code
 
 
-def serve(node: Node, plant: Plant, scheduler: Scheduler,
-          settings: SimulatorSettings) -> Optional['Interfaces']:
+def serve(node: Node, plant: Plant, scheduler: Scheduler, settings: SimulatorSettings) -> None:
     """Serve the interfaces; log one line where their package is missing."""
-    if not AVAILABLE:
+    if AVAILABLE:
+        Interfaces(node, plant, scheduler, Frames.of(settings).odom)
+    else:
         node.get_logger().info('simulation_interfaces is not installed: the simulator is '
                                'controlled by ~/pause, ~/resume, ~/reset and ~/step only')
-        return None
-    return Interfaces(node, plant, scheduler, Frames.of(settings).odom)
 
 
 class Interfaces:
