@@ -8,26 +8,14 @@ from rclpy.node import Node
 
 from ballbot_ros.control import (
     checked_controller, JointReadings, SetPoint, SupervisedController, Supervision)
-from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings
-from ballbot_ros.plant import periods_per, Plant
+from ballbot_ros.plant import Plant
 from ballbot_ros.ros.endpoints import subscribe_e_stop
 from ballbot_ros.ros.parameters import Commit
 from ballbot_ros.ros.retuning import prepare_laws
 from ballbot_ros.ros.set_points import SetPoints
 from ballbot_ros.ros.settings import LoopNumbers
 from ballbot_ros.steering import law
-
-
-def check_control(settings: SimulatorSettings) -> None:
-    """Raise `ConfigurationError` if parameters of the laws inside are inconsistent."""
-    if settings.control == 'onboard':
-        if settings.lockstep:
-            raise ConfigurationError(
-                'lockstep waits for the joint_commands that answer each state, and with '
-                'control:=onboard there are none; use control:=direct and a node controller',
-                'inconsistent', 'control')
-        periods_per(settings.joint_state_rate, settings.control_rate, 'joint_state_rate')
 
 
 class LawsInside:

@@ -8,7 +8,7 @@ from rclpy.task import Future
 
 from ballbot_ros.control import CommandGate
 from ballbot_ros.errors import MessageError, RefusedError
-from ballbot_ros.nodes.simulator.laws_inside import check_control, LawsInside
+from ballbot_ros.nodes.simulator.laws_inside import LawsInside
 from ballbot_ros.nodes.simulator.outputs import Outputs
 from ballbot_ros.nodes.simulator.scheduler import FollowedClock, Scheduler
 from ballbot_ros.nodes.simulator.settings import plant_for, SimulatorSettings
@@ -35,7 +35,6 @@ class Simulator(Node):
         if refuse_sim_time(self, NO_SIM_TIME):
             self.get_logger().warning(NO_SIM_TIME)
         self._settings = settings = declare(self, SimulatorSettings, self._prepare)
-        check_control(settings)
         self._plant = plant_for(settings)
         self._gate = CommandGate(settings.command_timeout)
         self._outputs = Outputs(self, self._plant, settings)
@@ -53,11 +52,10 @@ class Simulator(Node):
         for name, do in (('pause', self._pause), ('resume', self._resume), ('reset', self._reset)):
             create_trigger(self, f'~/{name}', do)
         create_service(self, Step, '~/step', self._on_step)
-        self._interfaces = serve(self, self._plant, self._scheduler, settings)
+        serve(self, self._plant, self._scheduler, settings)
         self._timer = create_wall_timer(self, self._scheduler.interval, self._scheduler.tick)
 
     def _prepare(self, wanted: SimulatorSettings) -> Commit:
-        check_control(wanted)
         steps = [self._outputs.prepare(wanted)]
         if self._laws is not None:
             steps.append(self._laws.prepare(self._settings, wanted))

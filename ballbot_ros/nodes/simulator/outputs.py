@@ -272,7 +272,12 @@ def sensors_on(ground: Terrain, settings: SimulatorSettings) -> Tuple[Sensor, Te
 
 
 def check_lockstep(settings: SimulatorSettings) -> None:
-    """Refuse observations that may arrive twice, late or not at all."""
+    """Refuse lockstep without commands, or if observations may be repeated, late or missing."""
+    if settings.control == 'onboard':
+        raise ConfigurationError(
+            'lockstep waits for the joint_commands that answer each state, and with '
+            'control:=onboard there are none; use control:=direct and a node controller',
+            'inconsistent', 'control')
     if settings.observation_rate > 0.0 and settings.terrain_rate > 0.0:
         raise ConfigurationError(
             'terrain_rate must be 0 Hz where observation_rate is above 0 Hz in lockstep, where '

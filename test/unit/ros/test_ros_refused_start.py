@@ -56,6 +56,8 @@ def files(tmp_path, monkeypatch):
     (ObstacleDecision, {'robot': 'heavier.yaml'}, 'inconsistent', 'curve'),
     (Simulator, {'odom_rate': 300.0}, 'inconsistent', 'odom_rate'),
     (Simulator, {'control': 'onboard', 'lockstep': True}, 'inconsistent', 'control'),
+    (Simulator, {'control': 'onboard', 'joint_state_rate': 300.0}, 'inconsistent',
+     'joint_state_rate'),
     (Simulator, {'scene': 'scene.yaml'}, 'unknown_name', 'hight'),
     (Simulator, {'scene': 'not_yaml.yaml'}, 'unreadable', 'not_yaml.yaml'),
     (Controller, {'tuning': 'tuning.yaml'}, 'unknown_name', 'position_kq'),
