@@ -24,8 +24,10 @@ from ballbot_ros.ros.run import CLOCK_TIMEOUT, CLOCK_WARNING_PERIOD
 REPEAT_PERIOD = 0.2
 # Wall time of one callback when the simulation runs as fast as possible [s].
 BATCH_TIME = 0.002
-# A larger lag behind a followed /clock is skipped: time jumps [s].
+# A larger lag behind a followed /clock is skipped: time jumps [s].  A smaller one is caught up
+# with by at most this number of periods at once.
 LAG_MAX = 1.0
+PERIODS_MAX = 50
 # Upper bound of the rounding of stamps to nanoseconds, as a fraction of a period.
 STAMP_ROUNDING = 1e-4
 
@@ -35,12 +37,12 @@ class FollowedClock:
     Counts the control periods that are due by /clock, in place of a `Pace`.
 
     The time of the plant starts at the first message, is never ahead of the newest one, and
-    follows jumps of /clock, so that stamps have the common time of the graph.  `due` returns at
-    most `most` periods; `dropped` counts skipped ones.
+    follows jumps of /clock, so that stamps have the common time of the graph.  `dropped` counts
+    skipped periods.
     """
 
-    def __init__(self, node: Node, plant: Plant, most: int = 50):
-        self._plant, self._most, self._logger = plant, most, node.get_logger()
+    def __init__(self, node: Node, plant: Plant):
+        self._plant, self._logger = plant, node.get_logger()
         self._clock: Optional[float] = None
         self._joined = False
         self._waiting_since: Optional[float] = None
@@ -66,7 +68,7 @@ class FollowedClock:
                     f'{self._plant.time:.3f} s: it follows this jump', throttle_duration_sec=1.0)
             self._plant.periods, self._joined = there, True
             return 0
-        return min(behind, self._most)
+        return min(behind, PERIODS_MAX)
 
     def _on_clock(self, message: Clock) -> None:
         self._clock = to_seconds(message.clock)
