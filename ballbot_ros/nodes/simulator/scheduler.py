@@ -25,7 +25,7 @@ REPEAT_PERIOD = 0.2
 # Wall time of one callback when the simulation runs as fast as possible [s].
 BATCH_TIME = 0.002
 # A larger lag behind a followed /clock is skipped: time jumps [s].  A smaller one is caught up
-# with by at most this number of periods at once.
+# with by at most this number of periods per call.
 LAG_MAX = 1.0
 PERIODS_MAX = 50
 # Upper bound of the rounding of stamps to nanoseconds, as a fraction of a period.
