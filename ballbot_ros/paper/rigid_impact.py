@@ -24,7 +24,6 @@ from typing import Optional
 
 from ballbot_ros.crossing.attempt import RETREAT
 from ballbot_ros.crossing.rules import touch_distance
-from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.studies.comparators import bisect, check, highest_passed, inertia_ratio
 
@@ -37,37 +36,18 @@ TOUCH_ROUNDING = 1e-12  # penetration by rounding that is not a touch [m]
 FLYING, FLOOR, EDGE = range(3)
 
 
-def crosses_rigidly(robot: Robot, speed: float, height: float,
-                    restitution: Optional[float] = None) -> bool:
-    """
-    Return whether a rigid ball crosses a step at the first attempt.
-
-    The collision speed is in m/s, the height [m] at most the radius; the restitution from 0 to 1
-    is by default that of the robot's contact spring and damper.  Raises `ConfigurationError` for
-    other values.
-    """
-    check(robot, speed)
-    if not 0.0 < height <= robot.ball_radius:
-        raise ConfigurationError(
-            f'height must be above 0 and at most the radius of {robot.ball_radius:g} m, got '
-            f'{height!r}', 'out_of_range', 'height')
-    bounce = robot.restitution if restitution is None else restitution
-    if not 0.0 <= bounce <= 1.0:
-        raise ConfigurationError(
-            f'restitution must be from 0 to 1, got {restitution!r}', 'out_of_range', 'restitution')
-    return RigidBall(robot, speed, height, bounce).passes()
-
-
 def impact_with_restitution(robot: Robot, speed: float, restitution: Optional[float] = None,
                             tolerance: float = 1e-5) -> float:
     """
-    Return the maximum step height of a rigid ball, to a tolerance [m].
+    Return the maximum step height of a rigid ball at a collision speed [m/s], to a tolerance [m].
 
+    The restitution, from 0 to 1, is by default that of the robot's contact spring and damper.
     Valid for a shell so stiff that the impact ends before the ball has moved; a bounce takes no
     time.
     """
     check(robot, speed)
-    return highest_passed(lambda height: crosses_rigidly(robot, speed, height, restitution),
+    bounce = robot.restitution if restitution is None else restitution
+    return highest_passed(lambda height: RigidBall(robot, speed, height, bounce).passes(),
                           robot, speed, tolerance)
 
 
