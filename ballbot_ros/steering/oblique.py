@@ -37,11 +37,12 @@ class ObliqueSteps(Checked):
                 raise ConfigurationError(
                     f'ObliqueSteps: {name} must be at least two increasing numbers from 0 on, got '
                     f'{getattr(self, name)!r}', 'inconsistent', name)
+        both = len(angles), len(shares)
         for name, shape in (('lowest_factor', angles.shape), ('highest_factor', angles.shape),
-                            ('lowest_course_change_deg', (len(angles), len(shares))),
-                            ('highest_course_change_deg', (len(angles), len(shares))),
-                            ('lowest_heading_change_deg', (len(angles), len(shares))),
-                            ('highest_heading_change_deg', (len(angles), len(shares)))):
+                            ('lowest_course_change_deg', both),
+                            ('highest_course_change_deg', both),
+                            ('lowest_heading_change_deg', both),
+                            ('highest_heading_change_deg', both)):
             if self._numbers(name, len(shape)).shape != shape:
                 raise ConfigurationError(
                     f'ObliqueSteps: {name} must have the shape {shape} of angles_deg and '
@@ -69,22 +70,21 @@ def load_oblique_steps(name_or_path: str = 'gimball') -> ObliqueSteps:
     return load_config(ObliqueSteps, 'oblique', name_or_path)
 
 
-def height_factor(angle: float, name_or_path: str = 'gimball') -> float:
+def height_factor(angle: float) -> float:
     """
     Return the lowest maximum height at an angle, relative to that at right angles to the edge.
 
     The angle is that between the path and the normal of the edge, to either side [rad].  Beyond
     the largest angle of the table the factor is 0: such a crossing is not permitted.
     """
-    table = load_oblique_steps(name_or_path)
+    table = load_oblique_steps()
     degrees = abs(math.degrees(math.remainder(angle, 2.0 * math.pi)))
     if not degrees <= table.angles_deg[-1] + 1e-9:
         return 0.0
     return float(np.interp(degrees, table.angles_deg, table.lowest_factor))
 
 
-def course_change(angle: float, share: float,
-                  name_or_path: str = 'gimball') -> tuple[float, float]:
+def course_change(angle: float, share: float) -> tuple[float, float]:
     """
     Return the range by which the direction of travel turns away from the normal [rad].
 
@@ -93,32 +93,30 @@ def course_change(angle: float, share: float,
     is the height of the step over the maximum height at this angle; outside the table, its nearest
     value applies.  Raises `ConfigurationError` beyond the largest angle of the table.
     """
-    table = load_oblique_steps(name_or_path)
-    return _range(table, angle, share, table.lowest_course_change_deg,
-                  table.highest_course_change_deg)
+    table = load_oblique_steps()
+    return _range(
+        angle, share, (table.lowest_course_change_deg, table.highest_course_change_deg))
 
 
-def heading_change(angle: float, share: float,
-                   name_or_path: str = 'gimball') -> tuple[float, float]:
+def heading_change(angle: float, share: float) -> tuple[float, float]:
     """
     Return the range by which the heading turns away from the normal [rad]; see `course_change`.
 
     It holds when the steering law has damped the motion after the crossing.
     """
-    table = load_oblique_steps(name_or_path)
-    return _range(table, angle, share, table.lowest_heading_change_deg,
-                  table.highest_heading_change_deg)
+    table = load_oblique_steps()
+    return _range(
+        angle, share, (table.lowest_heading_change_deg, table.highest_heading_change_deg))
 
 
-def _range(table: ObliqueSteps, angle: float, share: float, lowest: Sequence[Sequence[float]],
-           highest: Sequence[Sequence[float]]) -> tuple[float, float]:
-    degrees = math.degrees(angle)
+def _range(angle: float, share: float,
+           ends_by_angle: Sequence[Sequence[Sequence[float]]]) -> tuple[float, float]:
+    table, degrees = load_oblique_steps(), math.degrees(angle)
     if not abs(degrees) <= table.angles_deg[-1] + 1e-9:
         raise ConfigurationError(
             f'angle must be within +-{table.angles_deg[-1]:g} degrees of the normal of the edge, '
             f'got {degrees:g}', 'out_of_range', 'angle')
-    ends = [math.radians(float(np.interp(abs(degrees), table.angles_deg, [
+    low, high = (math.radians(float(np.interp(abs(degrees), table.angles_deg, [
         np.interp(share, table.height_shares, row) for row in rows])))
-        for rows in (lowest, highest)]
-    low, high = ends if angle >= 0.0 else (-ends[1], -ends[0])
-    return low, high
+        for rows in ends_by_angle)
+    return (low, high) if angle >= 0.0 else (-high, -low)
