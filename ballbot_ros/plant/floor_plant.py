@@ -25,6 +25,7 @@ from ballbot_ros.physics.simulation.scene import Initial, Run, Scene
 from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.plant.plant import Plant
 from ballbot_ros.steering import height_factor, LateralState, step
+from ballbot_ros.steering.model import moved_to
 
 # Deviation from the line of a cut [rad], [m] that is accepted if an edge or a wall is within
 # MARGIN of the ball [m], and elsewhere.
@@ -62,7 +63,8 @@ class FloorPlant(Plant):
         self._level = 0.0
         self._seen: Optional[Terrain] = None
         self._seen_at: Line = (0.0, 0.0, 0.0, 0.0)
-        self.start_pose = self._place(pose)
+        self._place(pose)
+        self.start_pose = self.pose
         scene = Scene(floor.name, Model(robot, self._exact().terrain(), solver=solver),
                       Initial(), Actuation(), Run(duration=1.0))
         super().__init__(scene, control_rate, torque_limit)
@@ -153,11 +155,10 @@ class FloorPlant(Plant):
         across = away[1] * math.cos(heading) - away[0] * math.sin(heading)
         return max(abs(turned), abs(across)) < tolerance
 
-    def _place(self, pose: Tuple[float, float, float]) -> Tuple[float, float, float]:
+    def _place(self, pose: Tuple[float, float, float]) -> None:
         self._at = (float(pose[0]), float(pose[1]))
         self._lateral = LateralState(heading=float(pose[2]))
         self._level = level(self.floor, self._at)
-        return (*self._at, self._lateral.heading)
 
     def _take(self, ground: Cut) -> None:
         self._cut, self._cut_at = ground, self._course()
@@ -208,8 +209,8 @@ class FloorPlant(Plant):
                     'tilt')
         kept, level = self._lateral.heading, self._level
         start, forward = self._at, after.x - before.x
-        straight = _ahead(start, kept, forward)
-        there = _ahead(start, 0.5 * (kept + lateral.heading), forward, 0.5 * (
+        straight = moved_to(start, kept, forward)
+        there = moved_to(start, 0.5 * (kept + lateral.heading), forward, 0.5 * (
             tilt_rate + lateral.tilt_rate) * robot.ball_radius * self.period)
         # Walls and ground to the side of the ball stop a turn without a rebound.
         if lateral is not self._lateral and (away := self._clearance(there)) < 0.0 \
@@ -223,7 +224,7 @@ class FloorPlant(Plant):
         if not self._cut_again():
             # The ball stays on its line.
             x, y, heading, path = self._cut_at
-            self._at = _ahead((x, y), heading, after.x - path)
+            self._at = moved_to((x, y), heading, after.x - path)
             self._lateral = _stopped(lateral, heading)
             self._level = level + passed(self.floor, start, self._at)
 
@@ -252,12 +253,6 @@ def _climbed(angle: float) -> float:
     """Return the fraction of the head-on height that the ball climbs at an edge angle [rad]."""
     # Beyond the table there are no measurements: use the energy of the speed across the edge.
     return height_factor(angle) or math.cos(angle)**2
-
-
-def _ahead(place: Point, heading: float, forward: float, left: float = 0.0) -> Point:
-    """Return the position at given distances ahead and to the left of another [m]."""
-    return (place[0] + forward * math.cos(heading) - left * math.sin(heading),
-            place[1] + forward * math.sin(heading) + left * math.cos(heading))
 
 
 def _stopped(lateral: LateralState, heading: float) -> LateralState:

@@ -29,6 +29,13 @@ class LateralState(NamedTuple):
     heading: float = 0.0  # horizontal direction of travel at zero tilt rate [rad]
 
 
+def moved_to(place: Tuple[float, float], heading: float, ahead: float,
+             left: float = 0.0) -> Tuple[float, float]:
+    """Return the position at given distances ahead and to the left of another [m]."""
+    return (place[0] + ahead * math.cos(heading) - left * math.sin(heading),
+            place[1] + ahead * math.sin(heading) + left * math.cos(heading))
+
+
 class GroundTrack(NamedTuple):
     """Pose of a ball that turns, in the frame of its start; `after` returns the next."""
 
@@ -39,11 +46,10 @@ class GroundTrack(NamedTuple):
 
     def after(self, path: float, lateral: LateralState, radius: float) -> 'GroundTrack':
         """Return the pose at a later path length [m] and lateral state, by the midpoint rule."""
-        heading = 0.5 * (self.lateral.heading + lateral.heading)
-        forward, left = path - self.path, radius * (lateral.tilt - self.lateral.tilt)
-        return GroundTrack(self.x + forward * math.cos(heading) - left * math.sin(heading),
-                           self.y + forward * math.sin(heading) + left * math.cos(heading),
-                           path, lateral)
+        return GroundTrack(
+            *moved_to((self.x, self.y), 0.5 * (self.lateral.heading + lateral.heading),
+                      path - self.path, radius * (lateral.tilt - self.lateral.tilt)),
+            path, lateral)
 
     @property
     def pose(self) -> Tuple[float, float, float]:
