@@ -123,10 +123,12 @@ class RollingModel:
     Attributes
     ----------
     robot : Robot
-    pendulum_moment, pendulum_inertia : float
-        M2 e [kg m] and J2 + M2 e^2 [kg m2], or I where the ball does not roll.
+    pendulum_moment : float
+        M2 e [kg m].
+    own : RollingNumbers
+        With I for the inertia of the pendulum where the ball does not roll.
     numbers : tuple of floats
-        For the compiled functions, see `RollingNumbers`.
+        Those of `own`, for the compiled functions.
 
     Raises
     ------
@@ -138,19 +140,16 @@ class RollingModel:
     def __init__(self, robot: Robot, rolls: bool = True):
         require_pendulum(robot)
         self.robot = robot
-        self.pendulum_moment = robot.pendulum_mass * robot.pendulum_length
-        self.pendulum_inertia = (
-            robot.pendulum_inertia + self.pendulum_moment * robot.pendulum_length)
-        self._ball_inertia = robot.ball_inertia + robot.total_mass * robot.ball_radius**2
-        self._lever = self.pendulum_moment * robot.ball_radius
-        if not rolls:
-            self.pendulum_inertia -= self.pendulum_moment**2 / robot.total_mass
-            self._ball_inertia, self._lever = robot.ball_inertia, 0.0
-        self._gravity_torque = robot.largest_gravity_torque
-        self.numbers: Rolling = RollingNumbers(
-            self.pendulum_inertia, self._ball_inertia, self._lever, self._gravity_torque,
-            robot.joint_friction, robot.rolling_friction,
-            robot.weight * robot.ball_radius if rolls else 0.0)[:]
+        moment = self.pendulum_moment = robot.pendulum_mass * robot.pendulum_length
+        own = RollingNumbers(
+            robot.pendulum_inertia + moment * robot.pendulum_length,
+            robot.ball_inertia + robot.total_mass * robot.ball_radius**2,
+            moment * robot.ball_radius, robot.largest_gravity_torque, robot.joint_friction,
+            robot.rolling_friction, robot.weight * robot.ball_radius)
+        self.own = own if rolls else own._replace(
+            pendulum_inertia=own.pendulum_inertia - moment**2 / robot.total_mass,
+            ball_inertia=robot.ball_inertia, lever=0.0, weight_torque=0.0)
+        self.numbers: Rolling = self.own[:]
 
     def response(self, angle: float, on_pendulum: float, on_ball: float) -> Tuple[float, float]:
         """Return phi'' and theta1'' [rad/s2] under generalised torques [N m]."""
@@ -162,8 +161,8 @@ class RollingModel:
 
         Without friction: R M2 g e sin(phi) / (J1 + M R^2 - M2 e R cos(phi)).
         """
-        return (self.robot.ball_radius * self._gravity_torque * math.sin(angle)
-                / (self._ball_inertia - self._lever * math.cos(angle)))
+        return (self.robot.ball_radius * self.own.gravity_torque * math.sin(angle)
+                / (self.own.ball_inertia - self.own.lever * math.cos(angle)))
 
     def about_held(self, angle: float) -> Tuple[Array, Array]:
         """
@@ -174,7 +173,7 @@ class RollingModel:
         deviations from that accelerated rolling, at low speed.
         """
         # The torque that holds it: phi'' = 0 in the first of the two equations.
-        torque = (self._gravity_torque * math.sin(angle)
+        torque = (self.own.gravity_torque * math.sin(angle)
                   + self.pendulum_moment * math.cos(angle) * self.held_acceleration(angle))
         slopes = [one[1:] for one in rolling_linearised(angle, 0.0, 0.0, torque, self.numbers)]
         return (np.array([[0.0, 1.0, 0.0], *slopes]),

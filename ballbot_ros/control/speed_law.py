@@ -19,7 +19,7 @@ plain tuples.
 import math
 from typing import NamedTuple
 
-from ballbot_ros.control.rolling_model import require_pendulum
+from ballbot_ros.control.rolling_model import RollingModel
 from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.jit import compiled
@@ -67,18 +67,16 @@ class SpeedLaw(NamedTuple):
 
         Raises `ConfigurationError` if the robot has no pendulum, or law (11) lacks a gain.
         """
-        require_pendulum(robot)
+        rolling = RollingModel(robot).own
         if tuning.position_kp == 0.0 or tuning.position_kd == 0.0:
             raise ConfigurationError(
                 'the speed law needs a law (11) that follows set angles: position_kp and '
                 f'position_kd above 0, got {tuning.position_kp:g} and {tuning.position_kd:g}',
                 'inconsistent', 'position_kp')
         return cls(
-            robot.largest_gravity_torque, robot.weight * robot.ball_radius,
-            robot.ball_inertia + robot.total_mass * robot.ball_radius**2,
-            robot.pendulum_mass * robot.pendulum_length * robot.ball_radius, robot.ball_radius,
-            tuning.position_kd / tuning.position_kp, tuning.speed_gain, tuning.swing_time,
-            tuning.observer_rate)
+            rolling.gravity_torque, rolling.weight_torque, rolling.ball_inertia, rolling.lever,
+            robot.ball_radius, tuning.position_kd / tuning.position_kp, tuning.speed_gain,
+            tuning.swing_time, tuning.observer_rate)
 
 
 @compiled

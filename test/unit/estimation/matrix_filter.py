@@ -21,8 +21,7 @@ class MatrixFilter:
 
     def __init__(self, robot, tuning=FilterTuning()):
         self._robot, self._tuning, self._model = robot, tuning, RollingModel(robot)
-        self._inertia = self._model.pendulum_inertia, (
-            robot.ball_inertia + robot.total_mass * robot.ball_radius**2)
+        self._inertia = self._model.own[:2]
         self._moment = self._model.pendulum_moment
 
     def predict(self, estimate, stamp, torque, imu=None):
