@@ -4,6 +4,7 @@ from collections import deque
 from dataclasses import dataclass
 import logging
 import math
+from statistics import median
 from typing import Deque, Optional
 
 from ballbot_ros.control.controller import PendulumController
@@ -46,10 +47,9 @@ class RateMonitor:
     @property
     def rate(self) -> Optional[float]:
         """Return the rate [Hz], None with fewer than `LEAST_PERIODS`."""
-        number, periods = len(self._periods), sorted(self._periods)
-        if number < LEAST_PERIODS:
+        if len(self._periods) < LEAST_PERIODS:
             return None
-        return 2.0 / (periods[(number - 1) // 2] + periods[number // 2])
+        return 1.0 / median(self._periods)
 
 
 @dataclass(frozen=True)

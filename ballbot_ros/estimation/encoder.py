@@ -291,4 +291,4 @@ class EncoderCheck(NamedTuple):
                 'are frozen, reversed or in other units, or the joint is blocked; check both '
                 'sensors, the coupling and `direction` of the hardware file; let the robot come '
                 'to rest', 'joint_torque', 'encoder')
-        return EncoderCheck(*self[:5], after)
+        return self._replace(torque=after)

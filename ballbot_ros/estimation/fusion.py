@@ -4,6 +4,7 @@ from collections import deque
 import math
 from typing import Callable, Deque, Optional
 
+from ballbot_ros.control.rolling_model import RollingModel
 from ballbot_ros.control.signals import refuse_not_finite
 from ballbot_ros.errors import EstimateLostError, MessageError
 from ballbot_ros.estimation.encoder import Continuity, EncoderCheck, EncoderReading
@@ -58,7 +59,7 @@ class Fusion:
                  tuning: FilterTuning = FilterTuning(),
                  encoder_zero: Optional[float] = None):
         self._robot, self._filter = robot, PendulumFilter(robot, tuning)
-        self._inertia = robot.pendulum_inertia + robot.pendulum_mass * robot.pendulum_length**2
+        self._inertia = RollingModel(robot).own.pendulum_inertia
         self._mounting, self._encoder_zero = mounting, encoder_zero
         self.jumps = self.rezeroed = 0
         self.last_jump = 0.0
@@ -126,10 +127,8 @@ class Fusion:
         ``diverged`` if the estimate diverges, ``encoder_jumps`` if the encoder jumps repeatedly,
         and as `EncoderCheck` does; then the next reading starts an estimate of a robot at rest.
         """
-        stamp, angle, torque = reading[:3]
-        if not math.isfinite(stamp + angle + torque + (reading.rate or 0.0)):
-            refuse_not_finite('encoder reading', stamp=stamp, angle=angle, torque=torque,
-                              rate=reading.rate or 0.0)
+        refuse_not_finite('encoder reading', stamp=reading.stamp, angle=reading.angle,
+                          torque=reading.torque, rate=reading.rate or 0.0)
         try:
             self.estimate = self._after(reading)
         except EstimateLostError:
