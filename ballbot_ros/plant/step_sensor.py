@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sensor that detects the next step of the floor ahead."""
 from dataclasses import dataclass
-import math
 from typing import Optional, Tuple
 
 import numpy as np
 
-from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.plant.sensor_faults import SensorFaults
 
@@ -40,14 +38,6 @@ def faces(terrain: Terrain) -> Tuple[Tuple[float, float], ...]:
     return tuple((float(face[0, 0]), float(face[-1, 1] - face[0, 1])) for face in found)
 
 
-def check_sensor(**deviations: float) -> None:
-    """Raise `ConfigurationError` for a standard deviation that is negative or not finite."""
-    for name, value in deviations.items():
-        if not (value >= 0.0 and math.isfinite(value)):
-            raise ConfigurationError(f'{name} must be at least 0 m, got {value!r}',
-                                     'out_of_range', name)
-
-
 class Sensor:
     """
     Detects the next face ahead of the ball centre, with Gaussian noise.
@@ -60,7 +50,6 @@ class Sensor:
 
     def __init__(self, terrain: Terrain, reach: float, distance_sd: float = 0.0,
                  height_sd: float = 0.0, seed: int = 0, faults: SensorFaults = SensorFaults()):
-        check_sensor(distance_sd=distance_sd, height_sd=height_sd)
         self._faces = faces(terrain)
         self._reach = reach
         self._noise = distance_sd, height_sd

@@ -6,13 +6,13 @@ from typing import Optional, Tuple
 
 import numpy as np
 
-from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.plant.sensor_faults import SensorFaults
-from ballbot_ros.plant.step_sensor import check_sensor, faces, HEIGHT_RESOLUTION
+from ballbot_ros.plant.step_sensor import faces, HEIGHT_RESOLUTION
 
 # Terrain ahead closer to the sensor than this does not occlude [m]: it is below the ball.
 BELOW = 0.02
+BEHIND = 0.3  # range behind the centre [m]
 
 ENDLESS = 1e4  # [m]: length of the infinite end segments of a terrain
 
@@ -46,24 +46,18 @@ class TerrainSensor:
     Terrain below and behind the ball is always included, because it was observed before.
 
     Noise and dropouts of sample number n depend only on the seed and n.  `reach` is the range
-    ahead of the centre, and `behind` that behind it; `height_sd` is the true standard deviation of
-    a point's height, and `spacing` the distance between points, all in m.  The publisher applies
-    the latency of the faults, see `Latency`.
+    ahead of the centre; `height_sd` is the true standard deviation of a point's height, and
+    `spacing` the distance between points, all in m.  The publisher applies the latency of the
+    faults, see `Latency`.
     """
 
     def __init__(self, terrain: Terrain, reach: float, height_sd: float = 0.0, seed: int = 0,
-                 faults: SensorFaults = SensorFaults(), behind: float = 0.3,
-                 spacing: float = 0.015):
-        check_sensor(height_sd=height_sd)
-        if not (reach > 0.0 and behind >= 0.0 and spacing > 0.0):
-            raise ConfigurationError(
-                'reach and spacing of a terrain sensor must be above 0 m, behind at least 0 m, '
-                f'got {reach!r}, {spacing!r} and {behind!r}', 'out_of_range', 'reach')
+                 faults: SensorFaults = SensorFaults(), spacing: float = 0.015):
         ground = endless(terrain)
         self._x, self._y = np.ascontiguousarray(ground.T)
         self._course = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ground, axis=0).T))])
         self._faces = np.array([face[0] for face in faces(terrain)])
-        self._reach, self._behind, self._spacing = reach, behind, spacing
+        self._reach, self._spacing = reach, spacing
         self._noise, self._seed = height_sd, seed
         self.faults = faults
 
@@ -78,7 +72,7 @@ class TerrainSensor:
         phase, lost = random.random(2)
         if lost < faults.dropout:
             return None
-        first, last = np.interp([x - self._behind, x + self._reach], self._x, self._course)
+        first, last = np.interp([x - BEHIND, x + self._reach], self._x, self._course)
         course = np.arange(first + phase * self._spacing, last, self._spacing)
         ahead = np.interp(course, self._course, self._x) - x
         up = np.interp(course, self._course, self._y) - y

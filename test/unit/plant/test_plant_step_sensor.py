@@ -2,7 +2,6 @@
 """Step detection ahead of the ball, and the noise of its measurements."""
 import numpy as np
 import pytest
-from refusals import refused
 
 from ballbot_ros.physics import Terrain
 from ballbot_ros.physics.model.terrain import read_terrain
@@ -67,12 +66,6 @@ def test_the_noise_has_the_stated_deviations_and_no_bias():
         sensor.measure(0.0, number) for number in range(4000))])
     assert samples.mean(axis=0) == pytest.approx([1.0, 0.03], abs=6e-4)
     assert samples.std(axis=0) == pytest.approx([0.01, 0.002], rel=0.05)
-
-
-@pytest.mark.parametrize('deviation', [-0.1, float('nan'), float('inf')])
-def test_an_invalid_standard_deviation_is_refused(deviation):
-    with refused('out_of_range', 'height_sd'):
-        Sensor(Terrain.flat(), 3.0, 0.0, deviation)
 
 
 def faulty(height=0.03, height_sd=0.0, **faults):

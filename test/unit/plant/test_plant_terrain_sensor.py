@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Terrain
 from ballbot_ros.plant import SensorFaults, TerrainSensor
 
@@ -97,11 +96,3 @@ def test_measurements_and_points_are_dropped_at_their_rates():
     assert number == pytest.approx(90, abs=30)
     assert TerrainSensor(Terrain.flat(), 3.0, faults=SensorFaults(holes=1.0)).measure(
         0.0, RADIUS, 0) is None
-
-
-@pytest.mark.parametrize('wrong', [
-    {'reach': 0.0}, {'height_sd': -0.1}, {'height_sd': float('nan')}, {'spacing': 0.0},
-    {'behind': -0.1}])
-def test_invalid_sensor_parameters_are_refused(wrong):
-    with pytest.raises(ConfigurationError):
-        TerrainSensor(Terrain.flat(), **{'reach': 3.0, **wrong})
