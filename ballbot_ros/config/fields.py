@@ -15,7 +15,7 @@ description::
 """
 from contextlib import contextmanager
 import copyreg
-from dataclasses import dataclass, Field, field, fields, MISSING, replace
+from dataclasses import dataclass, field, fields, MISSING, replace
 from difflib import get_close_matches
 import math
 from numbers import Real
@@ -85,21 +85,17 @@ def section(doc: str, *, cls: Any = None, default: Any = MISSING) -> Any:
 
 def live(declared: Any) -> Any:
     """Mark a declared field: as a parameter, it can change while a node runs."""
-    return _marked(declared, '')
+    return fixed('', declared)
 
 
 def fixed(why: str, declared: Any) -> Any:
     """Mark a declared field: it cannot change while a node runs; `why` is ``'it ...'``."""
-    return _marked(declared, why)
+    return field(default=declared.default, metadata={**declared.metadata, 'fixed': why})
 
 
 def why_fixed(metadata: Mapping[str, Any]) -> str:
     """Return why a field cannot change while a node runs; empty if it can."""
     return str(metadata.get('fixed', READ_AT_START))
-
-
-def _marked(declared: 'Field[Any]', why: str) -> Any:
-    return field(default=declared.default, metadata={**declared.metadata, 'fixed': why})
 
 
 def allowed(metadata: Mapping[str, Any]) -> str:
@@ -331,16 +327,17 @@ def refuse_missing(parts: Iterable[tuple[Type[Checked], Mapping[str, Any], str]]
         with problems.collected():
             refuse_unknown(entries, described, where)
         # A misspelt key is not reported as missing as well.
-        misspelt = {get_close_matches(key, described, 1, 0.6)[0] for key in entries
-                    if key not in described and get_close_matches(key, described, 1, 0.6)}
-        lacking = [name for name, item in described.items()
-                   if name not in entries and item.default is MISSING and name not in misspelt]
-        words = [f'{name} is missing ({item.metadata["doc"]}'
-                 + (f', {allowed(item.metadata)})' if 'unit' in item.metadata else ')')
-                 for name, item in described.items() if name in lacking]
+        misspelt = {near for key in entries if key not in described
+                    for near in get_close_matches(key, described, 1, 0.6)}
+        lacking = {name: item.metadata for name, item in described.items()
+                   if name not in entries and item.default is MISSING and name not in misspelt}
+        words = [f'{name} is missing ({metadata["doc"]}'
+                 + (f', {allowed(metadata)})' if 'unit' in metadata else ')')
+                 for name, metadata in lacking.items()]
         with problems.collected():
             if words:
-                raise ConfigurationError(f'{where}: {"; ".join(words)}', 'missing', lacking[0])
+                raise ConfigurationError(
+                    f'{where}: {"; ".join(words)}', 'missing', next(iter(lacking)))
     problems.refuse()
 
 
