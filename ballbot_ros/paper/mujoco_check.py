@@ -14,7 +14,7 @@ the paper.  The contact is one of
 
 MuJoCo is optional; `studies.free_ball.installed` returns whether it is installed.
 """
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -69,15 +69,6 @@ _CONTACT = """
     <pair geom1='shell' geom2='floor' condim='3' friction='{floor} {floor}'/>
     <pair geom1='shell' geom2='step' condim='3' friction='{edge} {edge}'/>
   </contact>"""
-
-
-class Centre(NamedTuple):
-    """State of a MuJoCo run at one time."""
-
-    time: float  # [s]
-    x: float  # of the centre of the ball [m]
-    y: float
-    pendulum_angle: float  # absolute [rad]
 
 
 def write_model(robot: Robot, height: float, step: float, integrator: str,
@@ -185,19 +176,18 @@ class MujocoRun:
             state[PENDULUM_RATE] = rates[2] + rates[3]
             force[3] += actuator_torque(data.time, state, self.drive)
 
-    def centre(self) -> Centre:
-        """Return the state of the ball."""
-        place = self.data.qpos
-        return Centre(float(self.data.time), float(place[0]), float(place[1]),
-                      float(place[2:].sum()) if self.model.nq == 4 else 0.0)
+    @property
+    def centre(self) -> Array:
+        """Return x and y of the centre of the ball, (2,) [m]."""
+        return np.array(self.data.qpos[:2])
 
     def run(self, duration: float, every: float) -> Array:
-        """Return times, centres and pendulum angles, one row per `every` seconds."""
+        """Return the centres, one row per `every` seconds, (n, 2) [m]."""
         self.reset()
-        rows = [self.centre()]
+        rows = [self.centre]
         for _ in range(round(duration / every)):
             self.advance(round(every / self.step))
-            rows.append(self.centre())
+            rows.append(self.centre)
         return np.array(rows)
 
     def passes(self, time_limit: float = 5.0) -> bool:
@@ -206,7 +196,7 @@ class MujocoRun:
         steps = max(1, round(CHECK_PERIOD / self.step))
         while self.data.time < time_limit:
             self.advance(steps)
-            x, y = self.data.qpos[:2].tolist()
+            x, y = self.centre.tolist()
             if is_over(x, y, 0.0, self.height, self.own.robot.ball_radius):
                 return True
             if x < self.begin - RETREAT and self.data.qvel[0] < 0.0:
@@ -229,4 +219,4 @@ def largest_difference(case: Case, speed: float, height: float, duration: float,
     model = Model(case.robot, Terrain.step(height), solver=Solver(step=step))
     rows = theirs.run(duration, 10.0 * step)
     run = simulate(model, theirs.start, case.actuation, duration, 10.0 * step)
-    return float(np.hypot(run['x'] - rows[:, 1], run['y'] - rows[:, 2]).max())
+    return float(np.hypot(run['x'] - rows[:, 0], run['y'] - rows[:, 1]).max())

@@ -60,7 +60,7 @@ def test_the_penetration_of_a_ball_at_rest_is_its_weight_over_the_stiffness():
         ball = mujoco_check.MujocoRun(Case(robot), 0.01, 0.05, STEP, 'implicitfast', 'matched')
         ball.data.qpos[0], ball.data.qvel[:] = -1.0, 0.0
         ball.advance(20_000)
-        assert robot.ball_radius - ball.centre().y == pytest.approx(
+        assert robot.ball_radius - ball.centre[1] == pytest.approx(
             robot.static_penetration, rel=5e-3)
 
 
