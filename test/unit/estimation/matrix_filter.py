@@ -76,12 +76,13 @@ class MatrixFilter:
             [0.0, 0.0, noises[0]**2, noises[1]**2, tuning.gyro_drift**2])
         return Estimate(estimate.stamp + step, mean, covariance, estimate.encoder_zero)
 
-    def with_encoder(self, estimate, encoder):
+    def with_encoder(self, estimate, encoder, latency):
         """Return the estimate updated with an encoder angle [rad]."""
-        timing_error = self._tuning.timing_sd * (estimate.mean[2] - estimate.mean[3])
+        timing_variance = self._tuning.timing_sd**2 + latency**2 / 12.0
         return updated(estimate, np.array([0.0, 1.0, 0.0, 0.0, 0.0]),
                        encoder - estimate.encoder_zero - estimate.mean[1],
-                       self._tuning.encoder_sd**2 + timing_error**2)
+                       self._tuning.encoder_sd**2
+                       + timing_variance * (estimate.mean[2] - estimate.mean[3])**2)
 
     def with_imu(self, estimate, imu, period):
         """Return the estimate updated with an IMU reading."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The Kalman filter: prediction by the model, and closed-form updates and steady state."""
+"""The Kalman filter: start, linearisation, readings equal to the prediction, steady state."""
 from dataclasses import fields, replace
 import math
 
@@ -44,14 +44,6 @@ def rolling_imu(angle, joint, rate, ball_rate, torque):
     forward, upward = -GIMBALL.ball_radius * roll, G
     return ImuReading(0.0, ball_rate, forward * math.cos(turn) - upward * math.sin(turn),
                       forward * math.sin(turn) + upward * math.cos(turn), roll)
-
-
-def updated_by(estimate, row, variance, found):
-    """Return mean and covariance after a scalar measurement, by the information form."""
-    row = np.array(row, dtype=float)
-    before = np.linalg.inv(estimate.covariance)
-    covariance = np.linalg.inv(before + np.outer(row, row) / variance)
-    return covariance @ (before @ estimate.mean + row * found / variance), covariance
 
 
 # Start
@@ -108,18 +100,6 @@ def test_noise_parameters_are_positive_except_timing_and_drift(name):
 # Prediction
 
 @given(angles, angles, rates, rates, torques)
-def test_predictions_without_an_imu_follow_the_model(angle, joint, rate, ball_rate, torque):
-    step = 1e-3
-    later = FILTER.predict(known([angle, joint, rate, ball_rate, 0.3]), step, torque)
-    pendulum, ball = rolling_accelerations(angle, rate, ball_rate, torque, MODEL.numbers)
-    assert later.stamp == step
-    assert later.mean == pytest.approx([
-        angle + step * rate + 0.5 * step**2 * pendulum,
-        joint + step * (rate - ball_rate) + 0.5 * step**2 * (pendulum - ball),
-        rate + step * pendulum, ball_rate + step * ball, 0.3], abs=1e-12)
-
-
-@given(angles, angles, rates, rates, torques)
 def test_an_imu_of_a_rolling_ball_gives_the_same_prediction(
         angle, joint, rate, ball_rate, torque):
     estimate = known([angle, joint, rate, ball_rate, 0.0])
@@ -150,28 +130,6 @@ def test_the_covariance_follows_the_linearised_prediction(
     np.testing.assert_allclose(change, expected, rtol=1e-2, atol=1e-2 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize('imu, noises', [(None, (0.7, 0.4)), (UPRIGHT, (11.0, 13.0))])
-def test_the_covariance_of_a_certain_state_grows_by_the_process_noise(imu, noises):
-    tuning = replace(TUNING, pendulum_noise=0.7, ball_noise=0.4, gyro_drift=0.2,
-                     pendulum_noise_with_imu=11.0, ball_noise_with_imu=13.0)
-    later = PendulumFilter(GIMBALL, tuning).predict(known([0.0] * 5), 0.004, 0.0, imu)
-    np.testing.assert_allclose(
-        later.covariance, 0.004 * np.diag([0.0, 0.0, noises[0]**2, noises[1]**2, 0.2**2]))
-
-
-def test_a_long_pause_is_predicted_in_steps_of_five_milliseconds():
-    estimate = known([0.5, -0.3, 1.0, -2.0, 0.01], uncertain(2))
-    single = FILTER.predict(estimate, 0.018, 0.7)
-    for stamp in (0.005, 0.010, 0.015, 0.018):
-        estimate = FILTER.predict(estimate, stamp, 0.7)
-    assert single.stamp == pytest.approx(0.018, abs=1e-12)
-    np.testing.assert_allclose(single.mean, estimate.mean, rtol=1e-9)
-    np.testing.assert_allclose(single.covariance, estimate.covariance, rtol=1e-9)
-    one_step = known([0.5, -0.3, 1.0, -2.0, 0.01], uncertain(2))
-    pendulum, _ = rolling_accelerations(0.5, 1.0, -2.0, 0.7, MODEL.numbers)
-    assert FILTER.predict(one_step, 0.005, 0.7).mean[2] == pytest.approx(1.0 + 0.005 * pendulum)
-
-
 @pytest.mark.parametrize('stamp', [-1.0, 0.0, 1e-10, 1e-9])
 def test_a_prediction_to_an_earlier_time_returns_the_estimate(stamp):
     estimate = known([0.5, -0.3, 1.0, -2.0, 0.01])
@@ -179,48 +137,6 @@ def test_a_prediction_to_an_earlier_time_returns_the_estimate(stamp):
 
 
 # Updates
-
-@given(strategies.integers(0, 2**32 - 1), angles, rates)
-def test_an_encoder_update_adds_its_information(seed, angle, joint_rate):
-    tuning = FilterTuning(encoder_sd=0.02, timing_sd=0.003)
-    estimate = known([0.1, 0.2, 1.5 + joint_rate, 1.5, 0.0], uncertain(seed), zero=7.0)
-    updated = PendulumFilter(GIMBALL, tuning).with_encoder(estimate, 7.0 + angle)
-    mean, covariance = updated_by(
-        estimate, [0, 1, 0, 0, 0], 0.02**2 + (0.003 * joint_rate)**2, angle)
-    np.testing.assert_allclose(updated.mean, mean, rtol=1e-5, atol=1e-5)
-    np.testing.assert_allclose(updated.covariance, covariance, rtol=1e-5, atol=1e-5)
-    assert updated.stamp == 0.0 and updated.encoder_zero == 7.0
-
-
-def test_the_innovation_is_the_encoder_angle_minus_the_prediction():
-    assert FILTER.innovation(known([0.1, 0.2, 0, 0, 0], zero=7.0), 7.5) == pytest.approx(0.3)
-
-
-@given(strategies.integers(0, 2**32 - 1), rates)
-def test_in_free_fall_or_impact_an_imu_adds_only_its_turn_rate(seed, turn_rate):
-    estimate = known([0.1, 0.2, 1.5, 0.5, 0.01], uncertain(seed))
-    mean, covariance = updated_by(estimate, [0, 0, 0, 1, 1], TUNING.gyro_sd**2, turn_rate)
-    for upward in (0.0, 40.0):
-        updated = FILTER.with_imu(estimate, ImuReading(0.0, turn_rate, 0.0, upward), 0.002)
-        np.testing.assert_allclose(updated.mean, mean, rtol=1e-5, atol=1e-5)
-        np.testing.assert_allclose(updated.covariance, covariance, rtol=1e-5, atol=1e-5)
-
-
-@given(strategies.integers(0, 2**32 - 1), angles)
-def test_a_gravity_update_adds_its_information_about_the_ball_angle(seed, ball_angle):
-    # The gyro reading equals its prediction and adds almost no information.
-    tuning = FilterTuning(gyro_sd=1e6, gravity_sd=2.0)
-    estimate = known([0.3 + ball_angle, 0.3, 0.0, 0.0, 0.0], uncertain(seed))
-    imu = ImuReading(0.0, 0.0, 0.6, G)
-    updated = PendulumFilter(GIMBALL, tuning).with_imu(estimate, imu, 1.0)
-    sine, cosine = math.sin(ball_angle), math.cos(ball_angle)
-    forward, upward = 0.6 * cosine - G * sine, 0.6 * sine + G * cosine
-    # forward(ball angle) = 0 without acceleration; d forward / d ball angle = -upward.
-    mean, covariance = updated_by(
-        estimate, [-upward, upward, 0, 0, 0], 2.0**2, -forward - upward * ball_angle)
-    np.testing.assert_allclose(updated.mean, mean, rtol=1e-5, atol=1e-5)
-    np.testing.assert_allclose(updated.covariance, covariance, rtol=1e-5, atol=1e-5)
-
 
 @given(angles, angles, rates, rates, torques)
 def test_an_imu_reading_equal_to_the_prediction_changes_no_angle(
@@ -238,23 +154,6 @@ def test_the_gravity_update_applies_if_the_force_is_within_the_gate(force, used)
     estimate = known([0.1, 0.0, 0.0, 0.0, 0.0], np.eye(5))
     updated = ten.with_imu(estimate, ImuReading(0.0, 0.0, 0.0, force), 0.1)
     assert (updated.mean[0] != 0.1) == used
-
-
-def test_correlated_readings_add_the_information_of_one_per_tenth_of_a_second():
-    estimate = known([0.1, 0.0, 0.0, 0.0, 0.0], np.eye(5))
-    tuning = FilterTuning(gyro_sd=1e6, gravity_sd=5.0)
-
-    def information(period):
-        """Return the information on the ball angle that an update adds."""
-        updated = PendulumFilter(GIMBALL, tuning).with_imu(estimate, UPRIGHT, period)
-        lean = np.array([1.0, -1.0, 0.0, 0.0, 0.0])
-        return 1.0 / (lean @ updated.covariance @ lean) - 0.5
-
-    whole = (G * math.cos(0.1) / 5.0)**2
-    assert information(0.1) == pytest.approx(whole, rel=1e-6)
-    assert information(0.01) == pytest.approx(whole / 10.0, rel=1e-6)
-    assert information(0.5) == pytest.approx(whole, rel=1e-6)
-    assert 0.0 <= information(0.0) < 1e-3 * whole
 
 
 # Steady state
