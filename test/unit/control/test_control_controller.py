@@ -146,13 +146,11 @@ def test_reset_restores_the_initial_state():
 
 def test_older_stamps_are_refused():
     controller = controller_for(SetPoint('hold', 0.0, 2.0))
-    with refused('stale', error=MessageError) as caught:
+    with refused('stale', error=MessageError):
         controller.give(SetPoint('hold', 1.0, 1.0))
-    assert caught.value.reason == 'stale'
     controller.torque(at(2.0))
-    with refused('stale', error=MessageError) as caught:
+    with refused('stale', error=MessageError):
         controller.torque(at(1.5))
-    assert caught.value.reason == 'stale'
     assert controller.set_point.value == 0.0
 
 
@@ -161,19 +159,16 @@ def test_values_that_are_not_finite_are_refused(bad):
     for index in range(5):
         values = [0.0] * 5
         values[index] = bad
-        with pytest.raises(MessageError) as caught:
+        with refused('not_finite', error=MessageError):
             JointReadings(*values)
-        assert caught.value.reason == 'not_finite'
     for arguments in ((bad, 0.0), (0.0, bad)):
-        with pytest.raises(MessageError) as caught:
+        with refused('not_finite', error=MessageError):
             SetPoint('hold', *arguments)
-        assert caught.value.reason == 'not_finite'
 
 
 def test_unknown_mode_is_refused():
-    with refused('unknown_mode', error=MessageError) as caught:
+    with refused('unknown_mode', error=MessageError):
         SetPoint('fly', 1.0)
-    assert caught.value.reason == 'unknown_mode'
 
 
 def test_robot_without_pendulum_is_refused():

@@ -119,11 +119,11 @@ def test_the_measured_rate_may_be_two_percent_too_low(lowest, slow):
     assert controller.too_slow == slow
 
 
-def test_nothing_is_supervised_by_default():
+def test_nothing_is_supervised_by_default(caplog):
     controller = new_controller()
-    controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
-    torques = [answer(controller, 1e3 * number) for number in range(1, 40)]
-    assert None not in torques and 0.0 not in torques
+    controller.give(SetPoint(Mode.HOLD, 1.0, 0.0))
+    assert min(answer(controller, 1e3 * number) for number in range(1, 40)) > 0.0
+    assert not caplog.messages
 
 
 def test_the_time_is_zero_before_the_first_state():
@@ -174,12 +174,6 @@ def test_torque_depends_on_the_median_rate_of_the_last_states(gaps):
             # After a period without torque, the first torque is zero.
             assert torque == 0.0 if slow else was_slow or torque != 0.0
         was_slow = controller.too_slow
-
-
-def test_a_set_point_without_a_timeout_holds_indefinitely(caplog):
-    controller = new_controller(set_point_timeout=0.0)
-    controller.give(SetPoint(Mode.HOLD, 1.0, 0.0))
-    assert answer(controller, 1e6) > 0.0 and not caplog.messages
 
 
 def test_idle_does_not_expire_but_drive_does(caplog):

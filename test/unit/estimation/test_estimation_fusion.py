@@ -97,9 +97,8 @@ def test_an_imu_reading_waits_for_an_encoder_reading_of_its_time_or_later():
 def test_imu_readings_out_of_order_are_refused_but_repeated_stamps_are_accepted():
     fusion = Fusion(GIMBALL)
     fusion.imu(upright(1.0))
-    with refused('out_of_order', error=MessageError) as caught:
+    with refused('out_of_order', error=MessageError):
         fusion.imu(upright(0.9))
-    assert caught.value.reason == 'out_of_order'
     fusion.imu(upright(1.0, turn_rate=0.5))
     assert np.isfinite(fusion.encoder(EncoderReading(1.001, 0.0)).mean).all()
 
@@ -224,9 +223,9 @@ def test_at_a_low_rate_five_readings_must_agree(period):
 def test_an_encoder_reading_that_is_not_finite_is_refused_without_effect(values):
     fusion = started()
     before = fusion.estimate
-    with refused('not_finite', error=MessageError) as caught:
+    with refused('not_finite', error=MessageError):
         fusion.encoder(EncoderReading(*values))
-    assert caught.value.reason == 'not_finite' and fusion.estimate is before
+    assert fusion.estimate is before
 
 
 @pytest.mark.parametrize('torque', [1e4, -1e4])

@@ -47,9 +47,8 @@ def test_converted_readings_of_an_off_centre_imu_equal_those_at_the_centre():
 def test_a_reading_that_is_not_finite_is_refused(index, bad):
     values = [0.0] * 5
     values[index] = bad
-    with refused('not_finite', error=MessageError) as caught:
+    with refused('not_finite', error=MessageError):
         ImuReading(*values)
-    assert caught.value.reason == 'not_finite'
 
 
 def test_by_default_the_imu_is_at_the_centre_and_aligned():
