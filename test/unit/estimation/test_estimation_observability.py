@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Unobservable quantities compared with ranks derived by hand."""
-from dataclasses import replace
+"""Only an IMU separates the slope of the floor, the lean of the pendulum and a torque error."""
 import math
 
 import numpy as np
-from observability import unobservable
 import pytest
 from scipy.linalg import expm
 
@@ -12,25 +10,11 @@ from ballbot_ros.control import RollingModel
 from ballbot_ros.physics import load_robot
 
 GIMBALL = load_robot('gimball')
-EVERY_ANGLE = [0.0, 0.2, 1.0, -1.3, 2.8]
-
-
-@pytest.mark.parametrize('angle', EVERY_ANGLE)
-def test_only_an_imu_separates_slope_lean_and_torque_error(angle):
-    assert unobservable(GIMBALL, imu=True, angle=angle) == []
-    assert unobservable(GIMBALL, imu=False, angle=angle) == [
-        'pendulum angle', 'constant torque', 'slope of the floor']
 
 
 @pytest.mark.parametrize('imu', [False, True])
-def test_without_gravity_angle_and_slope_are_unobservable(imu):
-    weightless = replace(GIMBALL, gravity=1e-12)
-    assert unobservable(weightless, imu) == ['pendulum angle', 'slope of the floor']
-
-
-@pytest.mark.parametrize('imu', [False, True])
-@pytest.mark.parametrize('angle', EVERY_ANGLE)
-def test_the_observability_gramian_of_one_second_has_the_same_rank(imu, angle):
+@pytest.mark.parametrize('angle', [0.0, 0.2, 1.0, -1.3, 2.8])
+def test_the_rank_of_the_observability_gramian_of_one_second(imu, angle):
     # Linear motion about the held pendulum; the unknowns are angles, rates, a torque and a slope.
     # The unobservable directions over one second are the null space of the Gramian.
     model, bot = RollingModel(GIMBALL), GIMBALL
