@@ -52,11 +52,10 @@ def sensitivity(case: Case, speed: float, progress: Progress = ignore) -> list[B
     known = {name: span for name, span in independent(found).items()
              if not name.startswith('steering.')
              and (case.actuation.law == 'voltage' or not name.startswith('motor.'))}
-    assumed = [name for name in ROBOT
-               if name not in (*found, *EXCLUDED_PARAMETERS) and getattr(robot, name) > 0.0]
     spans = [(name, low, high, True) for name, (low, high) in known.items()]
-    spans += [(name, (1.0 - ASSUMED_SHARE) * getattr(robot, name), (1.0 + ASSUMED_SHARE)
-               * getattr(robot, name), False) for name in assumed]
+    spans += [(name, (1.0 - ASSUMED_SHARE) * value, (1.0 + ASSUMED_SHARE) * value, False)
+              for name in ROBOT if name not in (*found, *EXCLUDED_PARAMETERS)
+              and (value := getattr(robot, name)) > 0.0]
     bars = []
     for name, low, high, uncertain in tracked(spans, progress):
         at_low, at_high = (step_height(case._replace(robot=changed(robot, {name: value})), speed)

@@ -107,32 +107,31 @@ def figure_7(progress: Progress = ignore) -> Figure:
 def figure_8(progress: Progress = ignore) -> Figure:
     """Show both balls in two simulators, or in one with a note if MuJoCo is not installed."""
     robots = [load_robot(name) for name in ('gimball', 'shellball')]
-    laws = ('matched', 'default') if free_ball.installed() else ()
-    report = counted(progress, len(robots) * (1 + len(laws) * len(MUJOCO_SPEEDS)))
+    contacts = (('matched', 'o', 'its contact matched to (7)-(9)'),
+                ('default', 'd', 'its default contact')) if free_ball.installed() else ()
+    report = counted(progress, len(robots) * (1 + len(contacts) * len(MUJOCO_SPEEDS)))
     with canvas.panels(6.8, 5.0) as figure:
         axes = height_axes(figure, (0.10, 0.105, 0.87, 0.81), '', 0.062, 1.3)
         for robot, colour in zip(robots, (canvas.BLUE, canvas.VERMILION)):
             draw_curves(axes, [HeightLine(f'{robot.name}, this model', SPEEDS, step_heights(
                 Case(robot), SPEEDS), colour)])
             report()
-            for law, marker, label in (('matched', 'o', 'its contact matched to (7)-(9)'),
-                                       ('default', 'd', 'its default contact'))[:len(laws)]:
+            for law, marker, label in contacts:
                 heights = []
                 for speed in MUJOCO_SPEEDS.tolist():
-                    heights.append(
-                        mujoco_check.mujoco_height(
-                            Case(robot), speed, MUJOCO_STEP, law=law))
+                    heights.append(mujoco_check.mujoco_height(
+                        Case(robot), speed, MUJOCO_STEP, law=law))
                     report()
                 axes.plot(MUJOCO_SPEEDS, 1e3 * np.array(heights), marker, ms=5.5, color=colour,
                           mfc='none' if law == 'matched' else colour, zorder=5,
                           label=f'{robot.name}, MuJoCo, {label}')
-        if laws:
+        if contacts:
             apart = mujoco_check.largest_difference(Case(robots[0]), 0.78, 0.031, 0.6, MUJOCO_STEP)
             axes.text(0.985, 0.03, 'Under the same forces, the paths of GimBall over 31 mm\n'
                       f'in both simulators are {apart:.0e} m apart.', ha='right', fontsize=7.5,
                       transform=axes.transAxes, color=canvas.GREY)
         place_legend(axes)
-        draw_heading(figure, 'Fig. 8  Two simulators' if laws else
+        draw_heading(figure, 'Fig. 8  Two simulators' if contacts else
                      'Fig. 8  One simulator: MuJoCo is not installed')
     return figure
 

@@ -44,6 +44,14 @@ def drive(plant, speed, yaw_rate, seconds):
     return np.array(poses)
 
 
+def clearance(plant):
+    """Return the distance of the ball from the nearest wall, negative inside it [m]."""
+    walls = plant.floor.walls
+    offset = plant.pose[:2] - walls[:, :2]
+    offset -= np.clip(offset, -walls[:, 2:], walls[:, 2:])
+    return np.hypot(*offset.T).min() - ROBOT.ball_radius
+
+
 # Level 0 is that of the larger part of the floor, before the step.
 STEP = {'kind': 'step', 'line': [[11.0, 16.0], [11.0, 0.0]], 'height': 0.02}
 
@@ -123,9 +131,7 @@ def test_a_turning_ball_gains_no_speed_when_it_grazes_a_corner(x, y):
             lean = law(ROBOT, plant.lateral, plant.state.velocity_x, yaw_rate)
             plant.advance(torque_for(plant, 0.22), lean)
             speeds.append(abs(plant.state.velocity_x))
-            offset = plant.pose[:2] - floor.walls[:, :2]
-            offset -= np.clip(offset, -floor.walls[:, 2:], floor.walls[:, 2:])
-            gaps.append(np.hypot(*offset.T).min() - ROBOT.ball_radius)
+            gaps.append(clearance(plant))
     assert gaps[0] > 0.01 and -0.005 < min(gaps) < 0.0
     assert max(speeds) < 0.25
 
@@ -272,14 +278,8 @@ def test_a_turning_ball_at_walls_gains_no_energy_and_stays_outside(
         place, heading, speed, yaw_rate, driven):
     pillar, side = (slice(28, 30), slice(30, 32)), (slice(40, 44), slice(None))
     floor = floor_of(walls=[pillar, side, (slice(None), slice(64, 66))])
-
-    def clearance():
-        offset = np.array(plant.pose[:2]) - floor.walls[:, :2]
-        offset -= np.clip(offset, -floor.walls[:, 2:], floor.walls[:, 2:])
-        return np.hypot(*offset.T).min() - ROBOT.ball_radius
-
     plant = FloorPlant(ROBOT, floor, (*place, heading))
-    assume(clearance() > 0.0)
+    assume(clearance(plant) > 0.0)
     plant.put(plant.state._replace(velocity_x=speed, ball_rate=-speed / ROBOT.ball_radius))
     first = plant.model.energies(plant.state).total
     for _ in range(400):
@@ -288,7 +288,7 @@ def test_a_turning_ball_at_walls_gains_no_energy_and_stays_outside(
         state = plant.state
         assert plant.model.energies(state).total - state.motor_work < first + 1e-6
         # The kinetic energy of ball and pendulum compresses the contact by up to 15 mm.
-        assert clearance() > -0.015
+        assert clearance(plant) > -0.015
 
 
 def test_an_excessive_tilt_ends_the_run_at_the_last_valid_state(monkeypatch):
