@@ -26,18 +26,12 @@ def plant(slope):
         'terrain': [{'slope': {'length': 50.0, 'angle_deg': slope}}]}, '', ''), RATE)
 
 
-def readings(state):
-    """Return the joint readings of a state."""
-    return JointReadings(state.time, state.ball_angle, state.joint_angle, state.ball_rate,
-                         state.joint_rate)
-
-
 def drive(slope, speeds, duration=4.0):
     """Return the speeds of the ball [m/s], one row for each set speed."""
     ball, controller, rows = plant(slope), PendulumController(ROBOT, TUNING), []
     for speed in speeds:
         controller.give(SetPoint(Mode.SPEED, speed, ball.time))
-        rows.append([-ROBOT.ball_radius * ball.advance(controller.torque(readings(
+        rows.append([-ROBOT.ball_radius * ball.advance(controller.torque(JointReadings.of(
             ball.state))).ball_rate for _ in range(round(duration * RATE))])
     return np.array(rows)
 
@@ -53,7 +47,7 @@ def stop(slope, speed, lean):
             state, now, ball.state.pendulum_angle, 0.0 if started else speed,
             lean if started else 1.4, 1.0 / RATE, LAW)
         controller.give(SetPoint(Mode.HOLD, angle, ball.time))
-        ball.advance(controller.torque(readings(ball.state)))
+        ball.advance(controller.torque(JointReadings.of(ball.state)))
         way.append(way[-1] + now / RATE)
     return max(way) - way[8 * RATE], max(way) - way[-1]
 

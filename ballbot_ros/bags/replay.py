@@ -71,9 +71,7 @@ class Laws:
         self._controller = controller
 
     def torque(self, stamp: int, after: int, plant: Plant) -> Optional[float]:
-        state = plant.state
-        self._controller.take(JointReadings(
-            plant.time, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))
+        self._controller.take(JointReadings.of(plant.state))
         while self._set_points and self._set_points[-1].stamp <= plant.time + 1e-9:
             given = self._set_points.pop()
             try:

@@ -5,6 +5,7 @@ from enum import Enum
 import math
 
 from ballbot_ros.errors import MessageError
+from ballbot_ros.physics.model.state import State
 
 # A set-point closer to 0 than this counts as rest [rad, rad/s, m/s].
 REST_MAX = 1e-3
@@ -113,6 +114,12 @@ class JointReadings:
     def __post_init__(self) -> None:
         """Raise `MessageError` for readings that are not finite."""
         refuse_not_finite('joint reading', **vars(self))
+
+    @classmethod
+    def of(cls, state: State) -> 'JointReadings':
+        """Return the exact readings of a simulated robot."""
+        return cls(state.time, state.ball_angle, state.joint_angle, state.ball_rate,
+                   state.joint_rate)
 
     @property
     def pendulum_angle(self) -> float:

@@ -98,8 +98,7 @@ class FloorSource(Source):
     def _advance(self) -> None:
         plant, state = self._plant, self._plant.state
         self._controller.give(SetPoint(Mode.SPEED, self._speed, plant.time))
-        self._controller.take(JointReadings(
-            plant.time, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))
+        self._controller.take(JointReadings.of(state))
         torque = self._controller.answer() or 0.0
         lean = law(self.robot, plant.lateral, state.velocity_x, self._yaw_rate) \
             if plant.steers else 0.0

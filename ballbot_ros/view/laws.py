@@ -72,8 +72,7 @@ class MotorLaw:
         """Return the actuation from this state on."""
         if self._controller is None:
             return self._actuator
-        requested = self._controller.torque(JointReadings(
-            state.time, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))
+        requested = self._controller.torque(JointReadings.of(state))
         # The limits of the motor at the joint rate apply, as in a `Plant`.
         return Actuator(TORQUE, applied_torque(
             requested, state.joint_rate, self.robot.motor_line, 1e9))

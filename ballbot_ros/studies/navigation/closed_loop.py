@@ -97,10 +97,7 @@ class FloorLoop:
         lean = law(self._nominal, plant.lateral, plant.state.velocity_x,
                    self._controller.set_point.yaw_rate)
         for _ in range(PERIODS_PER_COMMAND):
-            state = plant.state
-            plant.advance(self._controller.torque(JointReadings(
-                plant.time, state.ball_angle, state.joint_angle, state.ball_rate,
-                state.joint_rate)), lean)
+            plant.advance(self._controller.torque(JointReadings.of(plant.state)), lean)
         errors = self._errors
         self._drift = decay * self._drift + math.sqrt(1.0 - decay * decay) * np.array(
             [errors.place_sd, errors.place_sd, errors.heading_sd]) \

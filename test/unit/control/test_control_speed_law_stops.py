@@ -67,9 +67,7 @@ class Course:
                 self.state, angle = step(self.state, measured, self.distance)
                 self.controller.give(SetPoint(Mode.HOLD, self.angles[-1], self.plant.time))
                 self.angles.append(angle)
-            now = self.plant.state
-            self.plant.advance(self.controller.torque(JointReadings(
-                now.time, now.ball_angle, now.joint_angle, now.ball_rate, now.joint_rate)))
+            self.plant.advance(self.controller.torque(JointReadings.of(self.plant.state)))
             rows.append((self.plant.time, self.distance, self.speed))
         return np.array(rows)
 
@@ -176,8 +174,7 @@ def test_motion_at_50_hz_without_pendulum_angle_agrees_with_500_hz_with_it():
         state, angle = speed_law.speed_law_step(
             state, speed, now.pendulum_angle, 0.4, 1.4, 1.0 / RATE, law)
         controller.give(SetPoint(Mode.HOLD, angle, now.time))
-        plant.advance(controller.torque(JointReadings(
-            now.time, now.ball_angle, now.joint_angle, now.ball_rate, now.joint_rate)))
+        plant.advance(controller.torque(JointReadings.of(now)))
         fast.append(plant.state.velocity_x / math.cos(course.slope))
     assert np.abs(slow[:, 2] - fast).max() < 0.06
     assert np.abs(slow[-RATE:, 2] - fast[-RATE:]).max() < 0.002

@@ -35,10 +35,7 @@ def drive(ball, controller, speeds):
     for speed, duration in speeds:
         controller.give(SetPoint(Mode.SPEED, speed, ball.time))
         for _ in range(round(duration * RATE)):
-            state = ball.state
-            ball.advance(controller.torque(JointReadings(
-                ball.time, state.ball_angle, state.joint_angle, state.ball_rate,
-                state.joint_rate)))
+            ball.advance(controller.torque(JointReadings.of(ball.state)))
             rows.append((ball.time, -GIMBALL.ball_radius * ball.state.ball_rate,
                          ball.state.pendulum_angle))
     return np.array(rows)
@@ -99,9 +96,7 @@ def test_only_a_slope_steeper_than_the_largest_lean_holds_is_reported(caplog):
         ball = plant(slope)
         controller.give(SetPoint(Mode.SPEED, 0.0, 0.0))
         for _ in range(4 * RATE):
-            state = ball.state
-            controller.take(JointReadings(ball.time, state.ball_angle, state.joint_angle,
-                                          state.ball_rate, state.joint_rate))
+            controller.take(JointReadings.of(ball.state))
             ball.advance(controller.answer())
         assert controller.overcome == bool(reports)
         assert len(caplog.messages) == reports
