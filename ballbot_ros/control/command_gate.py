@@ -4,6 +4,7 @@ from collections import Counter
 import math
 from typing import Optional
 
+from ballbot_ros.control.signals import refuse_not_finite
 from ballbot_ros.errors import MessageError
 
 # Clocks of sender and receiver may differ by this much before a stamp counts as "from the
@@ -61,12 +62,7 @@ class CommandGate:
         self.refused[reason] += 1
 
     def _check(self, torque: float, stamp: float, now: float, lean: float) -> None:
-        if not math.isfinite(torque):
-            raise MessageError(f'effort must be a finite torque, got {torque!r}',
-                               'not_finite', 'effort')
-        if not math.isfinite(lean):
-            raise MessageError(f'the lean must be a finite angle, got {lean!r}',
-                               'not_finite', 'lean')
+        refuse_not_finite('command', effort=torque, lean=lean)
         age = now - stamp
         if not age <= self.timeout:
             raise MessageError(

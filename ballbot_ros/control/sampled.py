@@ -40,8 +40,6 @@ MOST_DELAY = 100        # [samples]
 # With a lag, the search for a rate starts where the lag is this number of samples: a higher rate
 # has no effect.
 MOST_LAG = 20.0
-HALF_CIRCLE = tuple(math.radians(degrees) for degrees in range(0, 181, 15))
-
 
 CLOSED = (Mode.HOLD, Mode.DRIVE, Mode.SPEED)  # laws that close a loop
 # Step of the differences that linearise the speed law, which is smooth within its limits.
@@ -118,7 +116,7 @@ def _angles(law: Mode, tuning: ControlTuning) -> Sequence[float]:
     """
     if law is Mode.SPEED:
         return 0.0, 0.45 * tuning.largest_lean, 0.9 * tuning.largest_lean
-    return HALF_CIRCLE if law is Mode.HOLD else (0.0,)
+    return [math.radians(degrees) for degrees in range(0, 181, 15)] if law is Mode.HOLD else [0.0]
 
 
 def _check(law: Union[Mode, str], rate: float, delay: float) -> Mode:

@@ -65,11 +65,11 @@ def sensitivity(case: Case, speed: float, progress: Progress = ignore) -> list[B
     return sorted(bars, key=lambda bar: -abs(bar.height_high - bar.height_low))
 
 
-def sampled_heights(case: Case, speeds: Array, samples: int, seed: int = 0,
+def sampled_heights(case: Case, speeds: Array, samples: int,
                     progress: Progress = ignore) -> Array:
     """Return the maximum step heights [m] of robots drawn from the ranges, one row per robot."""
     return np.array([step_heights(case._replace(robot=robot), speeds)
-                     for robot in tracked(draw(case.robot, samples, seed), progress)])
+                     for robot in tracked(draw(case.robot, samples), progress)])
 
 
 def design_map(case: Case, speed: float, lengths: Array, masses: Array,
@@ -165,7 +165,7 @@ def probability(progress: Progress = ignore) -> Figure:
     with canvas.panels(10.0, 4.6) as figure:
         for number, (label, case) in enumerate((('pendulum free', Case(robot)),
                                                 ('held level', holding(robot, LEVEL)))):
-            drawn = sampled_heights(case, SPEEDS[::2], SAMPLES, 0, part_of(progress, number, 2))
+            drawn = sampled_heights(case, SPEEDS[::2], SAMPLES, part_of(progress, number, 2))
             curves = CubicSpline(SPEEDS[::2], drawn, axis=1)(fine)
             passing = (curves[:, :, None] >= heights).mean(axis=0).T
             axes = height_axes(figure, (0.065 + 0.445 * number, 0.115, 0.385, 0.76), label,

@@ -26,7 +26,7 @@ class HeightLine(NamedTuple):
 
 
 def height_axes(figure: Figure, box: tuple[float, float, float, float], title: str,
-                highest: float, fastest: float = 1.3, slowest: float = 0.0) -> Any:
+                highest: float, fastest: float, slowest: float = 0.0) -> Any:
     """
     Add axes of height, up to `highest` [m], against speed [m/s].
 
