@@ -169,8 +169,3 @@ def test_values_that_are_not_finite_are_refused(bad):
 def test_unknown_mode_is_refused():
     with refused('unknown_mode', error=MessageError):
         SetPoint('fly', 1.0)
-
-
-def test_robot_without_pendulum_is_refused():
-    with refused('inconsistent', 'pendulum_mass'):
-        PendulumController(load_robot('shellball'), FREE)

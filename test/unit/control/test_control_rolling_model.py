@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from ballbot_ros.control import RollingModel
+from ballbot_ros.control import ControlTuning, PendulumController, RollingModel
 from ballbot_ros.control.rolling_model import rolling_accelerations, rolling_linearised
+from ballbot_ros.control.speed_law import SpeedLaw
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.plant import Plant
@@ -129,6 +130,9 @@ def test_a_level_pendulum_accelerates_the_ball_by_its_weight_only():
     assert MODEL.held_acceleration(-math.pi / 2) == pytest.approx(-expected)
 
 
-def test_robot_without_pendulum_is_refused():
+@pytest.mark.parametrize('make', [
+    RollingModel, lambda robot: PendulumController(robot, ControlTuning()),
+    lambda robot: SpeedLaw.tuned(robot, ControlTuning())])
+def test_a_robot_without_a_pendulum_is_refused(make, shellball):
     with refused('inconsistent', 'pendulum_mass'):
-        RollingModel(load_robot('shellball'))
+        make(shellball)

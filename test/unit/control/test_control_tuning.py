@@ -17,6 +17,7 @@ def test_the_published_gains_are_those_of_the_paper():
 @pytest.mark.parametrize('name, value, reason', [
     ('position_kp', -1.0, 'out_of_range'), ('position_kd', float('nan'), 'not_finite'),
     ('torque_limit', 0.0, 'out_of_range'), ('velocity_ki', float('inf'), 'not_finite'),
+    ('swing_time', -1.0, 'out_of_range'), ('observer_rate', float('inf'), 'not_finite'),
     ('gravity_compensation', 1, 'wrong_type')])
 def test_invalid_gains_are_refused_by_name(name, value, reason):
     with refused(reason, name):
