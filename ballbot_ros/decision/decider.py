@@ -15,7 +15,7 @@ from ballbot_ros.decision.planning.planners import PLANNERS
 from ballbot_ros.decision.planning.safety_filter import with_safety_filter
 from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
 from ballbot_ros.decision.values import (
-    Decision, Motion, Profile, StepObservation, TerrainObservation)
+    Decision, Motion, Profile, StepObservation, TerrainObservation, UNSEEN)
 
 # Attempts that are simulated for learning from earlier outcomes.
 LEARNING_ROLLOUTS_PER_DECISION = 16
@@ -147,7 +147,7 @@ class Decider:
             raise RuntimeError('decide was called before move')
         self._fusion.fuse()
         motion = self._pilot.estimate(self.motion, self._watch.attempt is not None)
-        memory, profile = self._memory, self._fusion.at(motion)
+        memory, profile = self._memory, self._fusion.at(motion) or UNSEEN
         memory.move(motion, profile)
         situation = Situation(motion, profile, memory.failures(profile), memory.free_from,
                               memory.obstruction, self._learner.particles)

@@ -318,6 +318,10 @@ class Profile:
         return self.faces[0] if self.faces else None
 
 
+# The profile before the first observation.
+UNSEEN = Profile(-math.inf)
+
+
 @dataclass(frozen=True)
 class Failure:
     """

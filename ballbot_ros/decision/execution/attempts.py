@@ -13,8 +13,9 @@ from typing import Deque, Optional, Tuple
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.learning.outcomes import Outcome, Result
+from ballbot_ros.decision.planning.situation import Situation
 from ballbot_ros.decision.values import (
-    Decision, Face, Kind, Motion, Plan, Profile, REST_SPEED_MAX, Strategy)
+    Decision, Face, Kind, Motion, Plan, Profile, REST_SPEED_MAX, Strategy, UNSEEN)
 from ballbot_ros.physics.model.robot import Robot
 
 # A slower touch is not an attempt; a faster one is recorded with the second speed [m/s].
@@ -77,10 +78,9 @@ class AttemptWatch:
         self._set_out: Optional[Tuple[int, float]] = None  # face number, start of its approach [m]
         self._drop: Optional[Face] = None
         self._risen: Optional[Face] = None  # last crossed face
-        self._profile: Optional[Profile] = None
+        self._profile = UNSEEN
 
-    def update(self, motion: Motion, profile: Optional[Profile],
-               decision: Decision) -> Optional[Outcome]:
+    def update(self, motion: Motion, profile: Profile, decision: Decision) -> Optional[Outcome]:
         """
         Update the attempt under the executed decision; return its outcome if it has just ended.
 
@@ -91,11 +91,10 @@ class AttemptWatch:
         if self._motions and self._jumped(motion):
             self.reset()
         self._motions.append(motion)
-        if profile is not None and profile.rejection is None and profile.is_plausible:
+        if profile.rejection is None and profile.is_plausible:
             self._profile = profile
-        seen = self._profile
-        if seen is not None and not abs(motion.stamp - seen.stamp) <= PROFILE_AGE_MAX:
-            seen = None
+        age = abs(motion.stamp - self._profile.stamp)
+        seen = self._profile if age <= PROFILE_AGE_MAX else UNSEEN
         if self.attempt is None:
             fall = self._fallen(motion, seen, decision)
             if fall is None:
@@ -112,9 +111,9 @@ class AttemptWatch:
         return not 0.0 <= passed <= ODOMETRY_GAP_MAX \
             or abs(moved) > fastest * passed + ODOMETRY_JUMP_MAX
 
-    def _approach(self, motion: Motion, seen: Optional[Profile], decision: Decision) -> None:
+    def _approach(self, motion: Motion, seen: Profile, decision: Decision) -> None:
         """Track the next face, and start an attempt when the ball touches it."""
-        if seen is not None:
+        if seen is not UNSEEN:
             self._ahead = next((face for face in seen.faces if face.height > 0.0
                                 and face.position > motion.position), None)
         face = self._ahead
@@ -144,12 +143,9 @@ class AttemptWatch:
                 return motion.speed, motion.pendulum_angle
         return self._motions[0].speed, self._motions[0].pendulum_angle
 
-    def _started(self, face: Face, motion: Motion, seen: Optional[Profile],
-                 decision: Decision, speed: float, angle: float) -> Attempt:
+    def _started(self, face: Face, motion: Motion, seen: Profile, decision: Decision,
+                 speed: float, angle: float) -> Attempt:
         """Return an attempt that starts with a touch."""
-        slope = motion.slope
-        if seen is not None and math.isfinite(seen.slope):
-            slope = seen.slope
         plan, probability, distance = None, None, 0.0
         if decision.kind is Kind.CROSS:
             plan = decision.plan or Plan(Strategy.CRUISE, speed=decision.set_speed,
@@ -163,13 +159,12 @@ class AttemptWatch:
             position=face.position, height=face.height, height_sd=min(face.height_sd, 0.2),
             touch_speed=min(max(0.0, speed), TOUCH_SPEED_MAX),
             touch_angle=_wrapped(angle), held_angle=_wrapped(angle),
-            slope=max(-1.0, min(1.0, slope)), distance=min(distance, 1000.0),
+            slope=max(-1.0, min(1.0, Situation(motion, seen).slope)), distance=min(distance, 1000.0),
             probability=probability, robot=self._digest, plan=plan)
         along = motion.position - face.position
         return Attempt(face, outcome, motion.stamp, along, along, motion.stamp)
 
-    def _go_on(self, attempt: Attempt, motion: Motion,
-               seen: Optional[Profile]) -> Optional[Outcome]:
+    def _go_on(self, attempt: Attempt, motion: Motion, seen: Profile) -> Optional[Outcome]:
         """Update an attempt; return its outcome once it has ended."""
         attempt = self.attempt = self._followed(attempt, motion, seen)
         along, now = motion.position - attempt.face.position, motion.stamp
@@ -182,16 +177,16 @@ class AttemptWatch:
         if drop is not None and motion.position > drop.position + 2.0 * drop.position_sd:
             return self._end(attempt, Result.FELL, motion) \
                 if self._agrees(drop, motion, seen) else None
-        if along < PASSED_DISTANCE_MIN or seen is None or seen.stamp < attempt.passed:
+        if along < PASSED_DISTANCE_MIN or seen.stamp < attempt.passed:
             if now - attempt.passed > ATTEMPT_TIMEOUT:
                 self.attempt = None  # no observation of the outcome
             return None
         resting = abs(motion.speed) < REST_SPEED_MAX or now - attempt.passed > LANDING_TIME_MAX
         return self._end(attempt, Result.OVER, motion) if drop is None or resting else None
 
-    def _followed(self, attempt: Attempt, motion: Motion, seen: Optional[Profile]) -> Attempt:
+    def _followed(self, attempt: Attempt, motion: Motion, seen: Profile) -> Attempt:
         """Return an attempt updated by motion and observation."""
-        for face in () if seen is None else seen.faces:
+        for face in seen.faces:
             if face.number == attempt.face.number and face.position > motion.position:
                 attempt = replace(attempt, face=face, passed=None)
         along, now = motion.position - attempt.face.position, motion.stamp
@@ -205,11 +200,10 @@ class AttemptWatch:
                               leans=attempt.leans + 1)
         return attempt
 
-    def _next_drop(self, motion: Motion, seen: Optional[Profile],
-                   crossed: Optional[Face]) -> Optional[Face]:
+    def _next_drop(self, motion: Motion, seen: Profile, crossed: Optional[Face]
+                   ) -> Optional[Face]:
         """Return the next face, or the last one observed, if it is a drop."""
-        faces = () if seen is None else seen.faces
-        ahead = next((face for face in faces if face.position > motion.position), None)
+        ahead = next((face for face in seen.faces if face.position > motion.position), None)
         if ahead is not None:
             level = ahead.height
             if crossed is not None and 0.0 < ahead.position - crossed.position < LANDING_LENGTH:
@@ -217,8 +211,7 @@ class AttemptWatch:
             self._drop = ahead if level < -FALL_HEIGHT_MIN else None
         return self._drop
 
-    def _fallen(self, motion: Motion, seen: Optional[Profile],
-                decision: Decision) -> Optional[Outcome]:
+    def _fallen(self, motion: Motion, seen: Profile, decision: Decision) -> Optional[Outcome]:
         """Return the outcome of a ball that passed a drop without a step before it."""
         drop = self._next_drop(motion, seen, self._risen)
         if drop is None or motion.position < drop.position + 2.0 * drop.position_sd \
@@ -227,10 +220,8 @@ class AttemptWatch:
         return self._end(self._started(drop, motion, seen, decision, motion.speed,
                                        motion.pendulum_angle), Result.FELL, motion)
 
-    def _agrees(self, face: Face, motion: Motion, seen: Optional[Profile]) -> bool:
+    def _agrees(self, face: Face, motion: Motion, seen: Profile) -> bool:
         """Return whether observations since the ball passed a face show it behind the ball."""
-        if seen is None:
-            return False
         passed = next((item.stamp for item in self._motions if item.position > face.position),
                       math.inf)
         return seen.stamp >= passed and not any(

@@ -53,15 +53,15 @@ class Memory:
         """Return the farthest position behind to which the ball may roll back [m]."""
         return max(self._free_from, self._edge_behind)
 
-    def failures(self, profile: Optional[Profile]) -> Tuple[Failure, ...]:
+    def failures(self, profile: Profile) -> Tuple[Failure, ...]:
         """Return the failures at faces ahead, with the present face numbers."""
         found: List[Failure] = []
-        for face in profile.faces if profile is not None else ():
+        for face in profile.faces:
             found += [replace(failure, face=face.number) for failure in self._failures
                       if _is_at(failure, face.position)]
         return tuple(found)
 
-    def move(self, motion: Motion, profile: Optional[Profile]) -> None:
+    def move(self, motion: Motion, profile: Profile) -> None:
         """Update the position and the free ground behind the ball."""
         if not motion.is_plausible:
             return
@@ -72,7 +72,7 @@ class Memory:
         if motion.position < self._edge_behind - EDGE_CLEARANCE - self._radius:
             self._edge_behind = -math.inf  # the ball has rolled back over it
         ahead = self._ahead
-        if profile is not None and profile.rejection is None:
+        if profile.rejection is None:
             ahead = tuple(face for face in profile.faces if face.position > motion.position)
         for face in self._ahead:
             # The estimate of a face may move from before the ball to behind it.

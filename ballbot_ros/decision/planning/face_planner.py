@@ -19,8 +19,7 @@ from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.planning.stop_line import LINE_MARGIN, StopLines
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
-    After, Decision, Face, Kind, Motion, Outlook, Plan, Profile, Reason, REST_SPEED_MAX,
-    Strategy)
+    After, Decision, Face, Kind, Motion, Outlook, Plan, Reason, REST_SPEED_MAX, Strategy)
 
 # Relevant change of the height, and increase of the clearance behind an edge [m].
 HEIGHT_CHANGE, ROOM_CHANGE = 0.002, 0.1
@@ -249,20 +248,16 @@ class FacePlanner:
 
     def __call__(self, situation: Situation, previous: Optional[Decision]) -> Decision:
         """Return the decision on the ground ahead."""
-        motion, profile = situation.motion, situation.profile
-        if profile is None:
-            return stop(Reason.STALE, 'Stopping: nothing has been observed yet')
         pushing = self._push(situation, previous)
         if pushing is not None:
             return pushing
         # The selection for the next faces continues during the stop behind an edge.
-        decision = self._decide(profile, situation, previous)
-        return self._brake(motion, previous) or decision
+        decision = self._decide(situation, previous)
+        return self._brake(situation.motion, previous) or decision
 
-    def _decide(self, profile: Profile, situation: Situation,
-                previous: Optional[Decision]) -> Decision:
+    def _decide(self, situation: Situation, previous: Optional[Decision]) -> Decision:
         """Decide on the ground ahead of a ball that is clear of the last edge."""
-        motion = situation.motion
+        motion, profile = situation.motion, situation.profile
         faces = faces_ahead(profile, motion.position)
         committed = past_braking(previous, situation)
         steep = self._lines.steep(situation)
@@ -346,7 +341,7 @@ class FacePlanner:
         if previous is None or previous.kind is not Kind.CROSS or previous.plan is None \
                 or basis is None or not motion.position < previous.plan.edge:
             return None
-        faces = situation.profile.faces if situation.profile is not None else ()
+        faces = situation.profile.faces
         own = [face for face in faces if face.number == previous.step]
         face = own[0] if own else basis.face
         touch = face.position - touch_distance(self._robot.ball_radius, face.height)

@@ -12,7 +12,7 @@ from typing import Optional
 from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Decision, Kind, Plan, Reason, Strategy
+from ballbot_ros.decision.values import Decision, Kind, Plan, Reason, Strategy, UNSEEN
 from ballbot_ros.physics.model.robot import Robot
 
 ROUNDING_TOLERANCE = 1e-9  # [m/s], [m]
@@ -64,7 +64,7 @@ def unusable(situation: Situation, stale: float, tuning: DecisionTuning) -> Opti
     if fault:
         return stop(Reason.BAD_OBSERVATION, f'Stopping: {fault}')
     motion, profile, allowed = situation.motion, situation.profile, tuning.observation_timeout
-    if profile is None:
+    if profile is UNSEEN:
         return stop(Reason.STALE, 'Stopping: nothing has been observed yet')
     if profile.rejection is not None:
         answer = stop(profile.rejection,
@@ -88,7 +88,7 @@ def implausible_input(situation: Situation) -> str:
     # Comparisons with NaN are false and could pass the checks below.
     if not situation.motion.is_plausible:
         return 'odometry is not finite, or out of range'
-    if situation.profile is not None and not situation.profile.is_plausible:
+    if not situation.profile.is_plausible:
         return 'the step is not finite, or out of range'
     return ''
 
@@ -121,8 +121,7 @@ def checked(decision: Decision, situation: Situation, knowledge: Knowledge) -> D
                     'to be free')
     if not crossing:
         return decision
-    faces = situation.profile.faces if situation.profile is not None else ()
-    face = next((item for item in faces if item.number == decision.step), None)
+    face = next((item for item in situation.profile.faces if item.number == decision.step), None)
     if face is None and situation.motion.position < plan.edge and (
             decision.contact_since is not None or decision.reason is Reason.COMMITTED):
         return decision  # past the last braking point, or its face is below the ball
@@ -150,7 +149,7 @@ def with_safety_filter(planner: Planner, knowledge: Knowledge) -> Planner:
     def answer(situation: Situation, previous: Optional[Decision]) -> Decision:
         nonlocal stale
         now, profile = situation.motion.stamp, situation.profile
-        if profile is not None and not abs(now - profile.stamp) <= timeout:
+        if profile is not UNSEEN and not abs(now - profile.stamp) <= timeout:
             stale = now  # also for NaN, and for a stamp in the future
         trouble = unusable(situation, stale, knowledge.tuning)
         if trouble is not None and not past_braking(previous, situation):
@@ -163,7 +162,7 @@ def with_safety_filter(planner: Planner, knowledge: Knowledge) -> Planner:
 def past_braking(previous: Optional[Decision], situation: Situation) -> bool:
     """Return whether the ball is past the last braking point of a crossing."""
     if previous is None or previous.kind is not Kind.CROSS \
-            or previous.reason is not Reason.COMMITTED or situation.profile is None \
+            or previous.reason is not Reason.COMMITTED or situation.profile is UNSEEN \
             or implausible_input(situation):
         return False
     # Between two edges of a plan, the ball may already have passed the step.

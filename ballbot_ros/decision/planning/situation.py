@@ -8,7 +8,8 @@ from ballbot_ros.control import ControlTuning, load_tuning
 from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.decision.planning.curve import HeightCurve
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Decision, Face, Failure, Motion, Obstruction, Profile
+from ballbot_ros.decision.values import (
+    Decision, Face, Failure, Motion, Obstruction, Profile, UNSEEN)
 from ballbot_ros.physics.model.robot import Robot
 
 
@@ -54,8 +55,8 @@ class Situation:
     ----------
     motion : Motion
         Propagated to the time at which the decision takes effect.
-    profile : Profile or None
-        None before the first observation.
+    profile : Profile
+        `UNSEEN` before the first observation.
     failures : tuple of Failure
         Failed plans at faces ahead.
     free_from : float
@@ -67,7 +68,7 @@ class Situation:
     """
 
     motion: Motion
-    profile: Optional[Profile] = None
+    profile: Profile = UNSEEN
     failures: Tuple[Failure, ...] = ()
     free_from: float = float('inf')
     obstruction: Optional[Obstruction] = None
@@ -80,13 +81,13 @@ class Situation:
     @property
     def slope(self) -> float:
         """Return the slope below the ball, from observations or else from its motion [rad]."""
-        seen = math.nan if self.profile is None else self.profile.slope
+        seen = self.profile.slope
         return seen if math.isfinite(seen) else self.motion.slope
 
     @property
     def slope_sd(self) -> float:
         """Return the standard deviation of `slope` [rad]."""
-        seen = math.nan if self.profile is None else self.profile.slope_sd
+        seen = self.profile.slope_sd
         return seen if math.isfinite(seen) else self.motion.slope_sd
 
 

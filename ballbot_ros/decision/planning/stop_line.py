@@ -59,8 +59,6 @@ class StopLines:
     def nearest(self, situation: Situation, faces: Iterable[Face]) -> Optional[StopLine]:
         """Return the nearest line; `faces` must exclude those that a plan crosses."""
         profile, position = situation.profile, situation.motion.position
-        if profile is None:
-            return None
         lines = [self.before_face(face) for face in faces if face.position > position]
         if math.isfinite(profile.seen_to):
             lines.append(StopLine(profile.seen_to - self._radius - LINE_MARGIN, profile.seen_to,
@@ -82,7 +80,7 @@ class StopLines:
         Without observed terrain, return the lower limit of the estimated slope.
         """
         begin, profile = situation.motion.position, situation.profile
-        if profile is None or not profile.points:
+        if not profile.points:
             return situation.slope - self._tuning.sigma_margin * situation.slope_sd
         if end - begin < SLOPE_LENGTH_MIN:
             return situation.slope
@@ -98,8 +96,6 @@ class StopLines:
     def steep(self, situation: Situation) -> Optional[Decision]:
         """Return the STOP that a slope below or ahead requires, if it is too steep to hold."""
         profile, motion, steepest = situation.profile, situation.motion, self.braking.steepest
-        if profile is None:
-            return None
         below, seen = situation.slope, math.isfinite(profile.slope)
         slope_sd = profile.slope_sd if seen and math.isfinite(profile.slope_sd) else 0.0
         # Only the map can show an uphill slope: the motion of the ball may show a step instead.
@@ -134,7 +130,7 @@ class StopLines:
         A crossing is not changed unless the ball was stuck before: its rollouts include the stop
         behind the last edge.
         """
-        profile, blocked = situation.profile, situation.obstruction
+        blocked = situation.obstruction
         if blocked is not None and decision.kind in (Kind.CLEAR, Kind.CROSS):
             what = ('rolled back on a slope that is too steep' if blocked.reason is Reason.STEEP
                     else 'made no progress')
@@ -142,9 +138,9 @@ class StopLines:
                 replace(decision, kind=Kind.GO_ROUND, reason=blocked.reason,
                         explanation=f'The ball {what} at {blocked.position:.2f} m; find another '
                         'way'), blocked.position + self._radius, situation)
-        if decision.kind in (Kind.CROSS, Kind.BACK_OFF) or profile is None:
+        if decision.kind in (Kind.CROSS, Kind.BACK_OFF):
             return decision
-        line = self.nearest(situation, profile.faces)
+        line = self.nearest(situation, situation.profile.faces)
         if line is None:
             return decision
         most = self.speed_before(line.position, situation)

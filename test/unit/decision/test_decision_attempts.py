@@ -14,7 +14,7 @@ from ballbot_ros.decision import (
     Decision, Face, Kind, load_decision_tuning, Motion, Profile, ProfileTracker, Reason,
     StepObservation, TerrainObservation)
 from ballbot_ros.decision.execution.attempts import AttemptWatch
-from ballbot_ros.decision.values import Outlook, Strategy
+from ballbot_ros.decision.values import Outlook, Strategy, UNSEEN
 from ballbot_ros.physics.model.actuation import Actuator, TORQUE
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.physics.model.terrain import Terrain
@@ -34,11 +34,11 @@ GROUNDS = {
     'drop behind': [*NARROW, [1.3, -.1], [2, -.1]],
     'drop': [[-1, 0], [1, 0], [1, -.1], [2, -.1]],
 }
-UNSEEN = (99.0, 99.0)
+NEVER = 99.0, 99.0
 
 
 @lru_cache(maxsize=None)
-def drive(ground, speed, lean, robot=GIMBALL, unseen=UNSEEN, seconds=4.5, polyline=False):
+def drive(ground, speed, lean, robot=GIMBALL, unseen=NEVER, seconds=4.5, polyline=False):
     """Drive a ball over a terrain with slipping odometry; return outcomes and final state."""
     terrain = Terrain(GROUNDS[ground])
     faces = [(face[0, 0], face[-1, 1] - face[0, 1]) for face in terrain.faces(1.0, 0.002)]
@@ -46,7 +46,7 @@ def drive(ground, speed, lean, robot=GIMBALL, unseen=UNSEEN, seconds=4.5, polyli
     controller = PendulumController(robot, load_tuning('published'))
     tracker, watch = ProfileTracker(GIMBALL, TUNING), AttemptWatch(GIMBALL)
     random, sensor = np.random.default_rng(1), TerrainSensor(terrain, 3.0, 0.0005)
-    state, torque, outcomes, profile = model.at_rest(0.0), 0.0, [], None
+    state, torque, outcomes, profile = model.at_rest(0.0), 0.0, [], UNSEEN
     for index in range(int(seconds * 1000)):
         now = index / 1000
         if index % 20 == 0:
@@ -168,7 +168,7 @@ def test_a_step_that_appears_under_the_ball_is_not_an_attempt():
 
 numbers = st.one_of(st.floats(allow_nan=True, allow_infinity=True), st.floats(-2.0, 2.0))
 faces = st.builds(Face, st.integers(0, 3), numbers, numbers, numbers, numbers)
-profiles = st.one_of(st.none(), st.builds(
+profiles = st.one_of(st.just(UNSEEN), st.builds(
     Profile, numbers, st.lists(faces, max_size=3).map(tuple), slope=numbers))
 
 

@@ -13,7 +13,7 @@ from ballbot_ros.decision.learning.outcomes import Outcome
 from ballbot_ros.decision.planning import cubic
 from ballbot_ros.decision.planning.safety_filter import with_safety_filter
 from ballbot_ros.decision.planning.stop_line import StopLines
-from ballbot_ros.decision.values import Failure, Obstruction
+from ballbot_ros.decision.values import Failure, Obstruction, UNSEEN
 from ballbot_ros.physics.model.robot import load_robot
 
 TUNING = replace(load_decision_tuning('decision_default'), unseen_room=1.0)
@@ -88,7 +88,7 @@ def test_a_failure_is_found_by_its_position_despite_another_number_and_height():
         later = replace(STEP, number=9, position=1.1, height=height)
         assert [one.face for one in memory.failures(Profile(0.0, (later,)))] == [9]
     assert memory.failures(Profile(0.0, (replace(later, position=1.2),))) == ()
-    assert memory.failures(None) == ()
+    assert memory.failures(UNSEEN) == ()
     # The ball may have spun at the foot: less ground is free than by odometry.
     assert memory.free_from == pytest.approx(0.1)
     memory.take(outcome('over'))
