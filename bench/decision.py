@@ -6,12 +6,11 @@ from time import process_time
 
 import numpy as np
 
-from ballbot_ros.decision import Face, Knowledge, load_curve, load_decision_tuning, Motion, Profile
+from ballbot_ros.decision import (
+    Face, Knowledge, load_curve, load_decision_tuning, Motion, PLANNERS, Profile, Situation)
 from ballbot_ros.decision.planning.ahead import Candidate, look_ahead
-from ballbot_ros.decision.planning.rollout.planner import RolloutPlanner
 from ballbot_ros.decision.planning.rollout.search import plan_row
 from ballbot_ros.decision.planning.rollout.worlds import Worlds
-from ballbot_ros.decision.planning.situation import Situation
 from ballbot_ros.decision.values import Strategy
 from ballbot_ros.physics.model.robot import load_robot
 
@@ -27,8 +26,8 @@ def attempts(height, speed, swing, count=400):
     """Return repeated measurements of the time of an attempt [us]."""
     worlds = Worlds(KNOWLEDGE)
     face = Face(1, 0.0, height, 0.01, 0.001)
-    ahead = look_ahead(Profile(0.0, (face,)), (face,), -1.4, 0.0, 0.003, GIMBALL.ball_radius,
-                       TUNING.unseen_room, TUNING.highest_descent)
+    ahead = look_ahead(Situation(Motion(0.0, -1.4, 0.0, slope_sd=0.003), Profile(0.0, (face,))),
+                       (face,), GIMBALL.ball_radius, TUNING)
     worlds.see(ahead)
     row = plan_row(Candidate(Strategy.SWING, speed, swing, 1.5), ahead)
     draws = worlds.sample(count)
@@ -42,7 +41,7 @@ def attempts(height, speed, swing, count=400):
 
 def approach(height, seed):
     """Return the times of all decisions of an approach until touch or stop [ms]."""
-    random, decide = np.random.default_rng(seed), RolloutPlanner(KNOWLEDGE)
+    random, decide = np.random.default_rng(seed), PLANNERS['rollout'](KNOWLEDGE)
     position, speed, decision, spent = -SEEN, 0.3, None, []
     noise = float(random.normal(0.0, 0.002))
     for number in range(300):

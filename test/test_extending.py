@@ -260,10 +260,11 @@ def test_a_planner_needs_a_file_and_a_line(house):
         '        selected, reason = None, Reason.TOO_HIGH\n'
         '        return Choice(\n            None if selected is None'))
     house.change('decision/planning/planners.py', (
-        r'from ballbot_ros.decision.planning.cubic import CubicPlanner\n',
-        'from ballbot_ros.decision.planning.cubic import CubicPlanner\n'
+        r'from ballbot_ros.decision.planning.cubic import CurveSelector\n',
+        'from ballbot_ros.decision.planning.cubic import CurveSelector\n'
         'from ballbot_ros.decision.planning import timid\n'),
-                 (r"\{\n    'cubic'", "{'timid': timid.CubicPlanner, 'cubic'"))
+                 (r"\{\n    'cubic'",
+                  "{'timid': partial(FacePlanner, timid.CurveSelector), 'cubic'"))
     loop = house.folder / 'examples' / 'closed_loop.py'
     loop.write_text(loop.read_text().replace("planner='rollout'", "planner='timid'").replace(
         '12 * RATE', 'RATE // 10'), encoding='utf-8')

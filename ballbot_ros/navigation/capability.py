@@ -18,7 +18,7 @@ from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.decision import Face, Knowledge, Profile
+from ballbot_ros.decision import Face, Knowledge, Motion, Profile, Situation
 from ballbot_ros.decision.learning.particles import SURFACE_FRICTION
 from ballbot_ros.decision.planning.ahead import GROUND_EXTENSION, look_ahead
 from ballbot_ros.decision.planning.rollout.planner import exceeds
@@ -162,8 +162,8 @@ class Capability:
         points.append((seen_to, points[-1][1]))
         profile = Profile(
             0.0, faces, tuple(points), seen_to=seen_to, slope=0.0, slope_sd=SLOPE_SD)
-        ahead = look_ahead(
-            profile, faces, -run_up - radius, 0.0, SLOPE_SD, radius, 0.0, tuning.highest_descent)
+        ahead = look_ahead(Situation(Motion(0.0, -run_up - radius, 0.0), profile), faces, radius,
+                           replace(tuning, unseen_room=0.0))
         if not ahead.ends or ahead.ends[-1].faces < len(faces):
             return None
         start = (ahead.touch - run_up, 0.0, 0.0, 0.0)

@@ -159,8 +159,8 @@ class AttemptWatch:
             position=face.position, height=face.height, height_sd=min(face.height_sd, 0.2),
             touch_speed=min(max(0.0, speed), TOUCH_SPEED_MAX),
             touch_angle=_wrapped(angle), held_angle=_wrapped(angle),
-            slope=max(-1.0, min(1.0, Situation(motion, seen).slope)), distance=min(distance, 1000.0),
-            probability=probability, robot=self._digest, plan=plan)
+            slope=max(-1.0, min(1.0, Situation(motion, seen).slope)),
+            distance=min(distance, 1000.0), probability=probability, robot=self._digest, plan=plan)
         along = motion.position - face.position
         return Attempt(face, outcome, motion.stamp, along, along, motion.stamp)
 

@@ -8,7 +8,9 @@ import numpy as np
 
 from ballbot_ros.crossing.rules import sink_depth, touch_distance
 from ballbot_ros.decision.perception.ground_profile import GroundProfile
+from ballbot_ros.decision.planning.situation import Situation
 from ballbot_ros.decision.planning.stop_line import LINE_MARGIN
+from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Face, Profile, Strategy
 from ballbot_ros.physics.model.terrain import Array
 
@@ -83,28 +85,22 @@ def faces_ahead(profile: Profile, position: float) -> Tuple[Face, ...]:
                  if position < face.position <= profile.seen_to)[:FACES_MAX + 1]
 
 
-def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: float,
-               slope_sd: float, radius: float, unseen_room: float, highest_descent: float,
-               line: float = math.inf, kept: bool = False) -> Ahead:
+def look_ahead(situation: Situation, faces: Sequence[Face], radius: float,
+               tuning: DecisionTuning, line: float = math.inf, kept: bool = False) -> Ahead:
     """
     Return the terrain ahead of the ball.
 
     Parameters
     ----------
-    profile : Profile
-        Profile with finite values.
+    situation : Situation
+        Situation with finite values.
     faces : sequence of Face
         At least one face, see `faces_ahead`.
-    position : float
-        Position of the centre [m].
-    slope, slope_sd : float
-        Slope of the ground below the ball [rad].
     radius : float
         Radius of the ball [m].
-    unseen_room : float
-        Ground assumed behind an edge [m].
-    highest_descent : float
-        A higher step down is a drop; others are planned like steps up [m].
+    tuning : DecisionTuning
+        Ground is assumed behind an edge as far as `unseen_room`; a step down that is higher than
+        `highest_descent` is a drop, others are planned like steps up.
     line : float
         Stop line of other obstacles than faces [m].
     kept : bool
@@ -112,6 +108,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         exceeds `highest_descent`.
 
     """
+    profile, position, slope = situation.profile, situation.motion.position, situation.slope
     floor = GroundProfile(profile.points, slope)
     seen = bool(profile.points)
     rows: List[Tuple[float, float, int, float, float]] = [
@@ -137,7 +134,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
             descents[index] = max(sink_depth(radius, other.position + other.run - foot),
                                   -face.height - other.height)
         doubt = SIGMAS * face.height_sd
-        falls = falls or min(-face.height, descents[index]) > highest_descent + (
+        falls = falls or min(-face.height, descents[index]) > tuning.highest_descent + (
             doubt if kept else -doubt)
         if falls or index == FACES_MAX or index > 0 and foot - last > FACE_SEPARATION:
             continue
@@ -148,7 +145,7 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
         later = SIGMAS * face.position_sd if face.height < 0.0 else 0.0
         ends.append(End(index + 1, len(rows) - 1, here, here + SWING_END_DISTANCE + later))
     known = seen and profile.seen_to > here + radius
-    seen_to = max(profile.seen_to if seen else here, here + unseen_room)
+    seen_to = max(profile.seen_to if seen else here, here + tuning.unseen_room)
     for x, rise in floor.bends(here, seen_to):
         rows.append((x, level + rise, len(faces) - 1, 1.0, 1.0))
     level += floor.rise(here, seen_to)
@@ -162,6 +159,6 @@ def look_ahead(profile: Profile, faces: Sequence[Face], position: float, slope: 
     return Ahead(
         np.array(rows), tuple(faces), tuple(
             replace(end, following=feet[end.faces] if end.faces < len(feet) else len(rows) - 1)
-            for end in ends), deviations, slope, slope_sd,
+            for end in ends), deviations, slope, situation.slope_sd,
         first.position - touch_distance(radius, first.height, slope=slope),
         min(seen_to - radius - LINE_MARGIN, line), known, descents)

@@ -13,7 +13,7 @@ from typing import NamedTuple, Optional
 
 from ballbot_ros.decision.planning.ahead import Ahead, Candidate, End
 from ballbot_ros.decision.planning.curve import HeightCurve
-from ballbot_ros.decision.planning.face_planner import Choice, FacePlanner, Selector
+from ballbot_ros.decision.planning.face_planner import Choice, Selector
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -258,10 +258,3 @@ class CurveSelector(Selector):
             middle = 0.5 * (near + far)
             near, far = (middle, far) if driven(middle) < required else (near, middle)
         return 1.1 * far + 0.05
-
-
-class CubicPlanner(FacePlanner):
-    """Planner with the height curve; see the module."""
-
-    def __init__(self, knowledge: Knowledge):
-        super().__init__(knowledge, CurveSelector(knowledge))

@@ -9,7 +9,7 @@ obstacle estimate changes.
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 import math
-from typing import NamedTuple, Optional
+from typing import Callable, NamedTuple, Optional
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.planning.ahead import (
@@ -163,23 +163,22 @@ PERMANENT_REASONS = (Reason.TOO_HIGH, Reason.FAILED_BEFORE, Reason.WALL)
 
 
 def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion, next_at: float,
-       braking_room: float, tuning: DecisionTuning) -> Decision:
+       tuning: DecisionTuning) -> Decision:
     """Return the decision to execute a plan; the centre is at `next_at` at the next obstacle."""
     face, end, back = ahead.faces[0], candidate.end(ahead), candidate.back > 0.0
+    seen = choice.outlook
     # The decision is repeated after backing off: until then, the speed of the approach is limited.
     speed = min(candidate.speed, tuning.cruise_speed) if back else candidate.speed
     plan = Plan(
         candidate.strategy, ahead.touch - candidate.back if back else -math.inf, speed,
         ahead.touch - candidate.swing, candidate.angle, end.passed,
         After.STOP if next_at - end.position < BRAKING_DISTANCE else After.CRUISE)
-    seen = replace(
-        choice.outlook, required=tuning.required_probability, braking_room=braking_room)
     where = f'{1e3 * face.height:.0f} mm at {face.position - motion.position:.2f} m'
     how = f'{candidate.strategy.value} at up to {candidate.speed:.2f} m/s'
     if math.isfinite(plan.swing_position):
         how += (f', pendulum to {math.degrees(candidate.angle):.0f} deg '
                 f'{candidate.swing:.2f} m before the touch')
-    started = choice.reason is Reason.COMMITTED or braking_room < 0.0
+    started = choice.reason is Reason.COMMITTED or seen.braking_room < 0.0
     reason = Reason.RUN_UP if back else Reason.COMMITTED if started else choice.reason
     text = f'{where}: {how}'
     if math.isfinite(seen.probability):
@@ -205,12 +204,9 @@ def _basis(choice: Choice) -> str:
     return ''
 
 
-def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
-           tuning: DecisionTuning) -> Decision:
+def refuse(choice: Choice, ahead: Ahead, motion: Motion, tuning: DecisionTuning) -> Decision:
     """Return the decision not to cross the first face, without a stop position."""
-    face = ahead.faces[0]
-    seen = replace(
-        choice.outlook, required=tuning.required_probability, braking_room=braking_room)
+    face, seen = ahead.faces[0], choice.outlook
     hopeless = choice.reason in PERMANENT_REASONS
     what = f'drop of {-1e3 * face.height:.0f} mm' if face.height < 0.0 else \
         f'{1e3 * face.height:.0f} mm'
@@ -235,16 +231,14 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, braking_room: float,
 
 # The ball counts as on the step from this distance before the touch [m], for at most this [s].
 CONTACT_DISTANCE, CONTACT_TIME_MAX = 0.005, 3.0
-# Clearance of a stop before a touch [m].
-TOUCH_CLEARANCE = 0.03
 
 
 class FacePlanner:
     """Decides the motion for the plans of a selector; see `situation.Planner`."""
 
-    def __init__(self, knowledge: Knowledge, selector: Selector):
+    def __init__(self, selector: Callable[[Knowledge], Selector], knowledge: Knowledge):
         self._tuning, self._robot = knowledge.tuning, knowledge.robot
-        self._lines, self._selector = StopLines(knowledge), selector
+        self._lines, self._selector = StopLines(knowledge), selector(knowledge)
 
     def __call__(self, situation: Situation, previous: Optional[Decision]) -> Decision:
         """Return the decision on the ground ahead."""
@@ -272,9 +266,7 @@ class FacePlanner:
             return self._alone(situation, previous)
         line = self._lines.before_slope(profile, faces[0].position)
         behind = math.inf if line is None else line.position
-        ahead = look_ahead(profile, faces, motion.position, situation.slope,
-                           situation.slope_sd, self._robot.ball_radius,
-                           self._tuning.unseen_room, self._tuning.highest_descent, behind,
+        ahead = look_ahead(situation, faces, self._robot.ball_radius, self._tuning, behind,
                            committed or self._selector.evaluates(faces[0]))
         return self._face(ahead, situation, previous if committed else None)
 
@@ -323,8 +315,10 @@ class FacePlanner:
                 # The descent is certain before its plan is evaluated.
                 choice = Choice(Candidate(Strategy.CRUISE, min(
                     motion.speed, self._tuning.cruise_speed)), Reason.COMMITTED)
+        choice = replace(choice, outlook=replace(
+            choice.outlook, required=self._tuning.required_probability, braking_room=room))
         if choice.candidate is None:
-            answer = refuse(choice, ahead, motion, room, self._tuning)
+            answer = refuse(choice, ahead, motion, self._tuning)
             if choice.reason is Reason.EVALUATING and abs(motion.speed) < REST_SPEED_MAX:
                 # Keep the run-up of a ball at rest.
                 return replace(answer, set_speed=0.0, plan=Plan(Strategy.STOP))
@@ -333,7 +327,7 @@ class FacePlanner:
         later = [item.position - self._robot.ball_radius for item in ahead.faces
                  if item.position > end.position + 1e-3]
         return go(choice, choice.candidate, ahead, motion, min(later, default=math.inf),
-                  room, self._tuning)
+                  self._tuning)
 
     def _push(self, situation: Situation, previous: Optional[Decision]) -> Optional[Decision]:
         """Return the decision on the step: continue, unless the contact lasts too long."""
@@ -352,7 +346,7 @@ class FacePlanner:
             return replace(previous, distance=face.position - motion.position)
         since = motion.stamp if previous.contact_since is None else previous.contact_since
         if not 0.0 <= motion.stamp - since <= CONTACT_TIME_MAX \
-                or motion.position < touch - TOUCH_CLEARANCE and motion.speed < 0.0:
+                or motion.position < touch - LINE_MARGIN and motion.speed < 0.0:
             self._selector.forget()
             return None
         # After the first of two edges, the second one remains.
@@ -378,4 +372,4 @@ class FacePlanner:
     def _braking_room(self, ahead: Ahead, motion: Motion) -> float:
         """Return the distance to the last braking point [m]."""
         needed = self._lines.braking.distance(motion.speed, ahead.slope, emergency=True)
-        return ahead.touch - TOUCH_CLEARANCE - motion.position - needed
+        return ahead.touch - LINE_MARGIN - motion.position - needed

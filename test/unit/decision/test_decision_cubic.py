@@ -9,8 +9,8 @@ import pytest
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import (
-    Decision, Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion, Plan, Profile,
-    Reason, Situation, Strategy)
+    Decision, Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion, Plan, PLANNERS,
+    Profile, Reason, Situation, Strategy)
 from ballbot_ros.decision.planning import cubic
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.planning.safety_filter import with_safety_filter
@@ -28,7 +28,7 @@ speeds = strategies.floats(-0.5, 1.5)
 
 def planner():
     """Return a planner without a plan."""
-    return with_safety_filter(cubic.CubicPlanner(KNOWN), KNOWN)
+    return with_safety_filter(PLANNERS['cubic'](KNOWN), KNOWN)
 
 
 def on(height=0.031, distance=0.8, speed=0.8, *, sd=0.0005, now=0.0, stamp=None,

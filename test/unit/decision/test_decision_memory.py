@@ -7,10 +7,9 @@ import pytest
 
 from ballbot_ros.decision import (
     Decision, DecisionTuning, Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion,
-    Plan, Profile, Reason, Situation, Strategy)
+    Plan, PLANNERS, Profile, Reason, Situation, Strategy)
 from ballbot_ros.decision.execution.memory import Memory
 from ballbot_ros.decision.learning.outcomes import Outcome
-from ballbot_ros.decision.planning import cubic
 from ballbot_ros.decision.planning.safety_filter import with_safety_filter
 from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.values import Failure, Obstruction, UNSEEN
@@ -150,7 +149,7 @@ def test_the_ball_stops_before_an_obstruction_and_requests_another_way():
 
 
 def answer(failures, position=0.0, free_from=-3.0, speed=0.0):
-    planner = with_safety_filter(cubic.CubicPlanner(KNOWN), KNOWN)
+    planner = with_safety_filter(PLANNERS['cubic'](KNOWN), KNOWN)
     return planner(Situation(Motion(0.0, position, speed), Profile(0.0, (STEP,)), failures,
                              free_from), None)
 
@@ -175,7 +174,7 @@ def test_a_failed_plan_is_never_repeated():
 
 
 def test_backing_off_ends_where_the_run_up_is_long_enough():
-    planner = with_safety_filter(cubic.CubicPlanner(KNOWN), KNOWN)
+    planner = with_safety_filter(PLANNERS['cubic'](KNOWN), KNOWN)
     position, previous = 0.6, None
     for index in range(200):
         given = Situation(Motion(0.02 * index, position, 0.0), Profile(0.02 * index, (STEP,)),

@@ -9,7 +9,8 @@ import pytest
 from ballbot_ros.control.rolling_model import RollingModel
 from ballbot_ros.control.speed_law import speed_law_start
 from ballbot_ros.crossing.rules import CLEARANCE
-from ballbot_ros.decision import Face, Knowledge, load_curve, load_decision_tuning, Profile
+from ballbot_ros.decision import (
+    Face, Knowledge, load_curve, load_decision_tuning, Motion, Profile, Situation)
 from ballbot_ros.decision.execution.pilot_law import pilot_step
 from ballbot_ros.decision.planning.ahead import Candidate, look_ahead
 from ballbot_ros.decision.planning.rollout.rollout import (
@@ -45,8 +46,8 @@ def world(robot):
 
 def ahead_of(position, *faces, slope=0.0, points=()):
     profile = Profile(0.0, faces, points, seen_to=max([4.0, *(x for x, _ in points)]))
-    return look_ahead(profile, faces, position, slope, 0.0, RADIUS, TUNING.unseen_room,
-                      TUNING.highest_descent)
+    return look_ahead(Situation(Motion(0.0, position, 0.0, slope=slope), profile), faces, RADIUS,
+                      TUNING)
 
 
 def rolled_out(robot, height, position, speed, candidate):

@@ -9,12 +9,11 @@ import pytest
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import (
-    Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion, Profile, Reason)
+    Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion, PLANNERS, Profile, Reason,
+    Situation)
 from ballbot_ros.decision.planning.ahead import faces_ahead, look_ahead
-from ballbot_ros.decision.planning.rollout.planner import RolloutPlanner
 from ballbot_ros.decision.planning.rollout.search import good
 from ballbot_ros.decision.planning.rollout.worlds import Tally
-from ballbot_ros.decision.planning.situation import Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.values import After, Failure, Plan, Strategy
 from ballbot_ros.physics.model.robot import load_robot
@@ -24,12 +23,19 @@ TUNING = replace(load_decision_tuning('decision_default'), unseen_room=1.5)
 KNOWLEDGE = Knowledge(GIMBALL, load_curve('gimball_down'), TUNING)
 # Distance from the centre of a ball to its front.
 RADIUS = GIMBALL.ball_radius
-kept = cache(partial(RolloutPlanner, KNOWLEDGE))  # sampling its worlds is slow
+new_planner = partial(PLANNERS['rollout'], KNOWLEDGE)
+kept = cache(new_planner)  # sampling its worlds is slow
 anything = strategies.floats(-1e3, 1e3)
 
 
 def seen(*faces, points=(), **more):
     return Profile(0.0, faces, points, **more)
+
+
+def ahead_of(profile, unseen_room=1.0):
+    """Return the terrain ahead of a ball at rest at -1 m."""
+    return look_ahead(Situation(Motion(0.0, -1.0, 0.0), profile), profile.faces, RADIUS,
+                      replace(TUNING, unseen_room=unseen_room))
 
 
 def step(height, sd=0.0005, position=0.0, number=1):
@@ -39,7 +45,7 @@ def step(height, sd=0.0005, position=0.0, number=1):
 def decide(*faces, room=1.2, speed=0.0, answers=60, knowledge=KNOWLEDGE, failures=(),
            free_from=math.inf, **more):
     """Return the decision of a ball with its front `room` before 0, after `answers` calls."""
-    plan, decision = RolloutPlanner(knowledge), None
+    plan, decision = PLANNERS['rollout'](knowledge), None
     for number in range(answers):
         situation = Situation(
             Motion(0.02 * number, -room - RADIUS, speed), replace(seen(*faces, **more)),
@@ -87,7 +93,7 @@ def test_a_face_that_may_also_be_a_drop_is_approached_as_neither_a_wall_nor_a_st
 
 
 def test_no_step_is_crossed_before_the_slope_has_been_estimated():
-    plan, decision, kinds = RolloutPlanner(KNOWLEDGE), None, []
+    plan, decision, kinds = new_planner(), None, []
     for number in range(150):
         motion = Motion(0.02 * number, -1.9 + 0.004 * number, 0.2,
                         slope_sd=0.045 if number < 75 else 0.01)
@@ -97,7 +103,7 @@ def test_no_step_is_crossed_before_the_slope_has_been_estimated():
 
 
 def test_a_refusal_does_not_alternate_while_the_estimated_height_varies():
-    plan, decision, reasons = RolloutPlanner(KNOWLEDGE), None, []
+    plan, decision, reasons = new_planner(), None, []
     for number in range(200):
         height = 0.058 if number < 60 or number >= 130 else 0.052
         motion = Motion(0.02 * number, -0.6 - RADIUS, 0.05)
@@ -118,7 +124,7 @@ def test_without_room_the_ball_backs_off_for_a_longer_run_up_where_the_ground_is
 
 
 def test_a_longer_run_up_is_evaluated_again_at_its_start_not_while_backing_off():
-    plan, height, decision = RolloutPlanner(KNOWLEDGE), 0.045, None
+    plan, height, decision = new_planner(), 0.045, None
     here = start = -0.3 - RADIUS
     for number in range(200):
         motion = Motion(0.02 * number, here, -0.2 if height > 0.045 and here > start else 0.0)
@@ -132,7 +138,7 @@ def test_a_longer_run_up_is_evaluated_again_at_its_start_not_while_backing_off()
 
 
 def test_after_backing_off_the_ball_crosses_immediately_as_planned():
-    plan, here, decision, back = RolloutPlanner(KNOWLEDGE), -0.3 - RADIUS, None, None
+    plan, here, decision, back = new_planner(), -0.3 - RADIUS, None, None
     for number in range(50):  # 1 s, for the search
         motion = Motion(0.02 * number, here, 0.0)
         decision = plan(Situation(motion, seen(step(0.045)), (), -2.5), decision)
@@ -148,7 +154,7 @@ def test_after_backing_off_the_ball_crosses_immediately_as_planned():
 
 @pytest.mark.parametrize('room', [0.2, 0.3, 0.4])
 def test_a_search_that_ends_past_the_last_braking_point_does_not_back_off(room):
-    plan, decision, late = RolloutPlanner(KNOWLEDGE), None, False
+    plan, decision, late = new_planner(), None, False
     for number in range(int((room - 0.01) / 0.008)):
         motion = Motion(0.02 * number, -room - RADIUS + 0.008 * number, 0.4)
         decision = plan(Situation(motion, seen(step(0.045)), (), -2.5), decision)
@@ -191,8 +197,7 @@ def test_a_plan_carries_the_ball_over_a_threshold():
 def test_no_plan_ends_between_two_edges_where_the_ball_cannot_stand():
     floor = [(-3.0, 0.0), (0.0, 0.0), (0.0, 0.02), (0.1, 0.02), (0.1, 0.0), (3.0, 0.0)]
     profile = seen(step(0.02), Face(2, 0.1, -0.02, 0.01, 0.001), points=floor, seen_to=3.0)
-    found = look_ahead(profile, profile.faces, -1.0, 0.0, 0.0, RADIUS, 0.0, 0.05)
-    assert [end.faces for end in found.ends] == [2]
+    assert [end.faces for end in ahead_of(profile, 0.0).ends] == [2]
 
 
 @pytest.mark.parametrize('drop, kind', [(-0.01, Kind.CROSS), (-0.18, Kind.STOP)])
@@ -218,8 +223,7 @@ def test_observing_more_of_the_floor_does_not_reduce_the_room_behind_an_edge():
     for end in (0.1, 0.3, 0.8, 1.2):
         profile = seen(step(0.02), points=[(-3.0, 0.0), (0.0, 0.0), (0.0, 0.02), (end, 0.02)],
                        seen_to=end)
-        rooms.append(look_ahead(
-            profile, profile.faces, -1.0, 0.0, 0.0, RADIUS, 1.0, 0.05).room_to)
+        rooms.append(ahead_of(profile).room_to)
     assert rooms == sorted(rooms) and rooms[0] < rooms[-1]
 
 
@@ -234,8 +238,7 @@ def test_the_tuning_states_which_step_down_is_a_drop(highest, kind):
 @pytest.mark.parametrize('rise, ends', [(0.1, True), (0.01, False)])
 def test_a_drop_is_a_trench_only_if_the_ground_behind_it_is_high_enough(rise, ends):
     faces = step(-0.1), step(rise, position=0.15, number=2)
-    found = look_ahead(seen(*faces), faces, -1.0, 0.0, 0.0, RADIUS, 1.0, 0.05)
-    assert bool(found.ends) == ends
+    assert bool(ahead_of(seen(*faces)).ends) == ends
 
 
 def test_past_the_last_braking_point_a_small_step_down_is_crossed_immediately():
@@ -249,7 +252,7 @@ def test_past_the_last_braking_point_a_small_step_down_is_crossed_immediately():
 def test_a_committed_step_down_stays_committed_if_the_measured_speed_falls():
     floor = [(-3.0, 0.0), (0.0, 0.0), (0.0, -0.045), (3.0, -0.045)]
     room = 0.9 * StopLines(KNOWLEDGE).braking.distance(0.5, 0.0, emergency=True)
-    plan, decision = RolloutPlanner(KNOWLEDGE), None
+    plan, decision = new_planner(), None
     for number, speed in enumerate((0.5, 0.4, 0.5, 0.4)):
         motion = Motion(0.02 * number, -room, speed)
         decision = plan(Situation(motion, seen(step(
@@ -282,7 +285,7 @@ def test_past_the_last_braking_point_the_better_of_braking_and_crossing_is_selec
 
 
 def test_a_face_that_appears_past_the_last_braking_point_does_not_end_a_crossing():
-    planner, decision, near = RolloutPlanner(KNOWLEDGE), None, step(0.009, position=-0.1, number=2)
+    planner, decision, near = new_planner(), None, step(0.009, position=-0.1, number=2)
     for number in range(60):
         decision = planner(Situation(Motion(0.02 * number, -0.8, 0.8), seen(step(0.03))), decision)
     assert (decision.kind, decision.reason) == (Kind.CROSS, Reason.COMMITTED)
@@ -296,7 +299,7 @@ def test_a_face_that_appears_past_the_last_braking_point_does_not_end_a_crossing
 
 def test_a_plan_across_a_step_does_not_continue_down_what_may_be_a_drop():
     floor = [(-3.0, 0.0), (0.0, 0.0), (0.0, 0.02), (0.45, 0.02), (0.45, -0.035), (3.0, -0.035)]
-    planner, decision = RolloutPlanner(KNOWLEDGE), None
+    planner, decision = new_planner(), None
     for number in range(120):
         drop = step(-0.055, 0.008, 0.45, 2)
         faces = (step(0.02),) if number < 60 else (step(0.02), drop)
@@ -318,7 +321,7 @@ def test_a_face_whose_foot_the_ball_has_passed_is_not_ahead():
 
 
 def test_the_decision_before_a_step_without_room_behind_does_not_alternate():
-    planner = RolloutPlanner(replace(KNOWLEDGE, tuning=replace(TUNING, unseen_room=0.0)))
+    planner = PLANNERS['rollout'](replace(KNOWLEDGE, tuning=replace(TUNING, unseen_room=0.0)))
     decision, kinds = planner(Situation(Motion(0.0, -3.5, 0.4), seen()), None), []
     for number in range(1, 400):
         position, speed = -3.5 + 0.008 * number, 0.4
@@ -356,7 +359,7 @@ def test_the_same_situations_give_the_same_decisions_to_the_bit():
 
 @pytest.mark.parametrize('height', [0.035, 0.046, 0.05])
 def test_another_search_of_the_same_situation_has_the_same_result(height):
-    planner, outlooks = RolloutPlanner(KNOWLEDGE), []
+    planner, outlooks = new_planner(), []
     for _ in range(2):
         planner(Situation(Motion(0.0, -1.2 - RADIUS, 0.0), seen()), None)  # ends the search
         decision = None
@@ -368,7 +371,7 @@ def test_another_search_of_the_same_situation_has_the_same_result(height):
 
 
 def test_noise_of_the_height_does_not_change_the_decision():
-    plan, decision, kinds = RolloutPlanner(KNOWLEDGE), None, []
+    plan, decision, kinds = new_planner(), None, []
     for number in range(150):
         height = 0.036 + 0.0004 * math.sin(7.0 * number)
         motion = Motion(0.02 * number, -1.4, 0.0)

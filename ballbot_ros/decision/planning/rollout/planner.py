@@ -15,7 +15,7 @@ import math
 from typing import Generator, List, NamedTuple, Optional, Sequence, Tuple
 
 from ballbot_ros.decision.planning.ahead import Ahead, Candidate
-from ballbot_ros.decision.planning.face_planner import Choice, FacePlanner, Selector
+from ballbot_ros.decision.planning.face_planner import Choice, Selector
 from ballbot_ros.decision.planning.rollout.rollout import TOUCH_SPEED
 from ballbot_ros.decision.planning.rollout.search import (
     candidates, confirm, from_farther_back, good, height_limit, highest_step, passing, plan_row,
@@ -235,10 +235,3 @@ class PlanSelector(Selector):
         if not self._is_fixed(braking_room) \
                 and not good(self._tally, task.required - self._hysteresis, HARM_SIGMAS):
             self.basis = None
-
-
-class RolloutPlanner(FacePlanner):
-    """Planner with rollouts; see the module."""
-
-    def __init__(self, knowledge: Knowledge):
-        super().__init__(knowledge, PlanSelector(knowledge))
