@@ -5,6 +5,7 @@ import math
 from ballbot_ros.control import ControlTuning
 from ballbot_ros.control.speed_law import (
     acceleration, braking_distance, Numbers, SpeedLaw, steepest_slope, stopping_speed)
+from ballbot_ros.decision.planning.curve import bisected
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.physics.model.robot import Robot
 
@@ -82,13 +83,9 @@ class Braking:
             if travelled >= room:
                 return math.sqrt(max(0.0, speed * speed + sign * 2.0 * most * room))
             speed, room = eased, room - travelled
-        # x = (u - v) / gain + set_speed / gain log((set_speed - u) / (set_speed - v))
-        near, far = speed, set_speed
-        for _ in range(20):
-            middle = 0.5 * (near + far)
-            rest = (set_speed - speed) / (set_speed - middle) if middle != set_speed else math.inf
-            if (speed - middle) + set_speed * math.log(rest) < room * self._gain:
-                near = middle
-            else:
-                far = middle
-        return near
+
+        def is_before(later: float) -> bool:
+            # x = (u - v) / gain + set_speed / gain log((set_speed - u) / (set_speed - v))
+            rest = (set_speed - speed) / (set_speed - later) if later != set_speed else math.inf
+            return (speed - later) + set_speed * math.log(rest) < room * self._gain
+        return bisected(is_before, set_speed, speed, 20)

@@ -12,7 +12,7 @@ import math
 from typing import NamedTuple, Optional
 
 from ballbot_ros.decision.planning.ahead import Ahead, Candidate, End
-from ballbot_ros.decision.planning.curve import HeightCurve
+from ballbot_ros.decision.planning.curve import bisected, HeightCurve
 from ballbot_ros.decision.planning.face_planner import Choice, Selector
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
@@ -64,13 +64,7 @@ class CurveRule:
         far = self.highest_speed
         if near >= far or not self._is_likely(far, face):
             return None
-        for _ in range(8):
-            middle = 0.5 * (near + far)
-            if self._is_likely(middle, face):
-                far = middle
-            else:
-                near = middle
-        return far
+        return bisected(lambda speed: self._is_likely(speed, face), near, far, 8)
 
     def probability(self, speed: float, face: Face) -> float:
         """
@@ -251,10 +245,7 @@ class CurveSelector(Selector):
         """Return the run-up from rest that reaches a touch speed with a reserve [m]."""
         def driven(run_up: float) -> float:
             return self._lines.braking.touch_speed(0.0, self._rule.highest_speed, run_up, slope)
-        near, far = 0.0, RUN_UP_MAX
-        if driven(far) < required:
+        if driven(RUN_UP_MAX) < required:
             return math.inf
-        for _ in range(20):
-            middle = 0.5 * (near + far)
-            near, far = (middle, far) if driven(middle) < required else (near, middle)
-        return 1.1 * far + 0.05
+        return 1.1 * bisected(
+            lambda run_up: driven(run_up) >= required, 0.0, RUN_UP_MAX, 20) + 0.05

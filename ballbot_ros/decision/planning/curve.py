@@ -3,7 +3,7 @@
 from bisect import bisect_right
 from dataclasses import dataclass, replace
 import math
-from typing import Any, List, Mapping, Optional, Tuple
+from typing import Any, Callable, List, Mapping, Optional, Tuple
 
 import numpy as np
 
@@ -246,13 +246,16 @@ class HeightCurve(Checked):
             return None
         if height <= self.height(low):
             return low
-        for _ in range(40):  # to below a picometre per second
-            middle = 0.5 * (low + high)
-            if self.height(middle) >= height:
-                high = middle
-            else:
-                low = middle
-        return high
+        # To below a picometre per second.
+        return bisected(lambda speed: self.height(speed) >= height, low, high, 40)
+
+
+def bisected(holds: Callable[[float], bool], without: float, value: float, steps: int) -> float:
+    """Return a value for which a condition holds, by bisection towards one where it does not."""
+    for _ in range(steps):
+        middle = 0.5 * (without + value)
+        without, value = (without, middle) if holds(middle) else (middle, value)
+    return value
 
 
 def _four_numbers(name: str, values: Any) -> Tuple[float, ...]:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import math
 from typing import Optional
 
+from ballbot_ros.decision.planning.curve import bisected
 from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -39,18 +40,12 @@ def energy_bound(robot: Robot, speed: float, swing: float) -> float:
     radius, pendulum = robot.ball_radius, robot.largest_gravity_torque
     given = pendulum * (1.0 - math.cos(swing)) + 0.5 * speed * speed * (
         robot.total_mass + robot.ball_inertia / radius**2)
-    low, high = 0.0, radius
     # The energy surplus decreases with the height, or increases first and then decreases: it has
     # one zero below the radius if it is negative at the radius.
     if given + pendulum * 0.5 * math.pi >= robot.weight * radius:
         return radius
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        if given + pendulum * math.acos(1.0 - middle / radius) >= robot.weight * middle:
-            low = middle
-        else:
-            high = middle
-    return high
+    return bisected(lambda height: not given + pendulum * math.acos(
+        1.0 - height / radius) >= robot.weight * height, 0.0, radius, 40)
 
 
 def unusable(situation: Situation, stale: float, tuning: DecisionTuning) -> Optional[Decision]:
