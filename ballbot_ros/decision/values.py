@@ -229,6 +229,12 @@ class Decision:
     plan: Optional[Plan] = None
     outlook: Optional[Outlook] = None
 
+    def last_edge(self, position: float) -> float:
+        """Return the position of the last edge of a crossing [m]; the ball is at `position`."""
+        if self.plan is not None and math.isfinite(self.plan.edge):
+            return self.plan.edge
+        return position + self.distance
+
     @property
     def refuses(self) -> bool:
         """Return whether the decision is not to continue; False while plans are evaluated."""

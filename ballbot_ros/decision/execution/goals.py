@@ -265,13 +265,12 @@ class DriveGoal(Goal):
         """Return the executed part of a decision to cross a step, now or after a run-up."""
         plan = planned.plan or Plan(Strategy.CRUISE, speed=planned.set_speed)
         face = motion.position + planned.distance
-        edge = plan.edge if math.isfinite(plan.edge) else face
         before = face - self._radius
         # Written so that a required speed that is NaN does not count.
         needed = max(plan.speed, planned.required_speed)
         if self.target <= before:
             return stopping(planned, why, self.target, speed)
-        if self.target < edge + ROOM_BEHIND_EDGE_MIN:
+        if self.target < planned.last_edge(motion.position) + ROOM_BEHIND_EDGE_MIN:
             self._obstacle = (
                 f'{self.target:.2f} m is on the step at {face:.2f} m or less than '
                 f'{ROOM_BEHIND_EDGE_MIN:g} m behind its edge, where the ball cannot stop')
@@ -357,9 +356,7 @@ class CrossGoal(Goal):
             self.height = planned.height  # behind the step, decisions refer to the next one
         if planned.kind is Kind.CROSS and (
                 self._edge is None or self._edge[1] == planned.step):
-            plan = planned.plan
-            self._edge = (plan.edge if plan is not None and math.isfinite(plan.edge)
-                          else motion.position + planned.distance), planned.step
+            self._edge = planned.last_edge(motion.position), planned.step
         over = outcome is not None and outcome.crossed
         past = self._edge is not None and motion.position > self._edge[0] + ROOM_BEHIND_EDGE_MIN \
             and not (planned.kind is Kind.CROSS and planned.step == self._edge[1])

@@ -68,16 +68,9 @@ class ObservedAttempt:
     settled: float = 0.0  # time when `over` was determined [s]
 
 
-def last_edge(decision: Decision, x: float) -> float:
-    """Return the position of the last edge of a crossing [m]; the ball is at x."""
-    if decision.plan is not None and math.isfinite(decision.plan.edge):
-        return decision.plan.edge
-    return x + decision.distance
-
-
 def crosses(decision: Decision, x: float, face: float) -> bool:
     """Return whether a decision made at x intends to cross a face [m]."""
-    return decision.kind is Kind.CROSS and last_edge(decision, x) >= face - SAME_FACE
+    return decision.kind is Kind.CROSS and decision.last_edge(x) >= face - SAME_FACE
 
 
 def same_plan(one: ObservedAttempt, other: ObservedAttempt) -> bool:
@@ -241,7 +234,7 @@ class OutcomeMonitor:
         plan, outlook = decision.plan, decision.outlook
         attempt = ObservedAttempt(
             when, self._loop.state.x, face, speed, plan.strategy.value if plan else '',
-            outlook.probability if outlook else math.nan, float(last_edge(decision, x)),
+            outlook.probability if outlook else math.nan, float(decision.last_edge(x)),
             (plan.start, plan.speed, plan.swing_position, plan.swing_angle) if plan
             else (decision.set_speed,), decision.height_margin,
             self._speed_at(plan.swing_position, speed) if plan else speed)
