@@ -18,6 +18,8 @@ from ballbot_ros.physics.model.terrain import Array
 FACES_MAX = 8
 # An obstacle nearer than this behind the last edge requires braking immediately [m].
 BRAKING_DISTANCE = 1.5
+# Maximum duration of a contact with a step [s].
+CONTACT_TIME_MAX = 3.0
 # Faces that are farther apart than this are planned one by one [m].
 FACE_SEPARATION = 1.0
 # A swing is held until the centre is past the edge by this [m].

@@ -13,7 +13,7 @@ from typing import Callable, NamedTuple, Optional
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.planning.ahead import (
-    Ahead, BRAKING_DISTANCE, Candidate, faces_ahead, look_ahead)
+    Ahead, BRAKING_DISTANCE, Candidate, CONTACT_TIME_MAX, faces_ahead, look_ahead)
 from ballbot_ros.decision.planning.safety_filter import past_braking, stop
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.planning.stop_line import LINE_MARGIN, StopLines
@@ -229,8 +229,8 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, tuning: DecisionTuning)
         outlook=seen)
 
 
-# The ball counts as on the step from this distance before the touch [m], for at most this [s].
-CONTACT_DISTANCE, CONTACT_TIME_MAX = 0.005, 3.0
+# The ball counts as on the step from this distance before the touch [m].
+CONTACT_DISTANCE = 0.005
 
 
 class FacePlanner:

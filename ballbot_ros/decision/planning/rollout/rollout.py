@@ -21,9 +21,10 @@ import numpy as np
 
 from ballbot_ros.control.rolling_model import rolling_loads, RollingNumbers
 from ballbot_ros.control.speed_law import Numbers, speed_law_start, SpeedState
+from ballbot_ros.crossing.attempt import RETREAT, touching_at
 from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision.execution.pilot_law import pilot_step, PlainOrder
-from ballbot_ros.decision.planning.ahead import BRAKING_DISTANCE, FACES_MAX
+from ballbot_ros.decision.planning.ahead import BRAKING_DISTANCE, CONTACT_TIME_MAX, FACES_MAX
 from ballbot_ros.decision.values import REST_SPEED_MAX
 from ballbot_ros.jit import compiled, outlined, unlocked
 from ballbot_ros.physics.mechanics.contact import (
@@ -224,10 +225,8 @@ ROLLING_STEPS = 2  # of them between two set angles
 BEND_MAX = 0.03  # sine of a bend of the ground without effect on a rolling ball
 FULL_MODEL_LEAD = 0.02  # the full model starts this far before the touch [m]
 PROGRESS_MIN = 0.001  # minimum progress [m]
-RETREAT_MIN = 0.004  # a ball this far behind its touch position has rolled back [m]
 DURATION_MAX = 15.0  # maximum duration of an approach [s]
 TIME_TO_ROLL_MAX = 2.5  # maximum time until the ball rolls forward [s]
-CONTACT_TIME_MAX = 3.0  # maximum duration of a contact [s]
 IDLE_TIME_MAX = 0.6  # maximum time without progress in contact [s]
 SETTLED_HEIGHT_MAX = 0.002  # a ball no higher above the ground rolls on it [m]
 STOP_DELAY = 0.02  # delay of the stop after the edge [s]
@@ -244,13 +243,11 @@ def slope_at(ground: Array, x: float) -> float:
 @compiled
 def touch_at(ground: Array, foot: int, vertex: int, radius: float) -> float:
     """Return the position of the centre when a ball before a foot touches a vertex [m]."""
-    steep = ground[foot - 1, TANGENT_Y] / ground[foot - 1, TANGENT_X] if foot > 0 else 0.0
+    cosine, sine = ground[foot - 1, TANGENT_X], ground[foot - 1, TANGENT_Y]
     away = ground[vertex, VERTEX_X] - ground[foot, VERTEX_X]
-    rise = ground[vertex, VERTEX_Y] - ground[foot, VERTEX_Y] - steep * away
-    above = radius * math.sqrt(1.0 + steep * steep) - min(max(rise, 0.0), radius)
-    root = radius * radius * (1.0 + steep * steep) - above * above
-    position: float = ground[vertex, VERTEX_X] - (
-        steep * above + math.sqrt(max(root, 0.0))) / (1.0 + steep * steep)
+    rise = ground[vertex, VERTEX_Y] - ground[foot, VERTEX_Y] - sine / cosine * away
+    along = touching_at(radius, radius, max(rise, 0.0), cosine, sine)
+    position: float = ground[vertex, VERTEX_X] + along * cosine - radius * sine
     return position
 
 
@@ -390,7 +387,7 @@ def climb(memory: SpeedState, plan: Array, robot: Parameters, drive: Drive, scra
         if state[X] > farthest + PROGRESS_MIN:
             farthest, idle_from = state[X], time
         idle = touch_x < math.inf and time > idle_from + IDLE_TIME_MAX
-        back = state[VELOCITY_X] < 0.0 and state[X] < touch_x - RETREAT_MIN
+        back = state[VELOCITY_X] < 0.0 and state[X] < touch_x - RETREAT
         if (back and touch_x < math.inf) or idle or time > until or not state[Y] > -1e3:
             break
     return STUCK

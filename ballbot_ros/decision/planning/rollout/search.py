@@ -177,10 +177,8 @@ class Task:
         return float(np.mean(np.isnan(results[0, :, TOUCH_SPEED])))
 
 
-Steps = Generator[None, None, Optional[Trial]]
-
-
-def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]) -> Steps:
+def search(plans: Sequence[Candidate], task: Task, trials: List[Trial]
+           ) -> Generator[None, None, Optional[Trial]]:
     """
     Search among candidates; the generator returns the first sufficient trial, or None.
 

@@ -3,7 +3,7 @@
 from dataclasses import astuple, dataclass
 import math
 from operator import add
-from typing import Dict, Optional, Sequence, Tuple
+from typing import Optional, Sequence
 
 import numpy as np
 
@@ -99,7 +99,6 @@ class Worlds:
             control.position_kp, control.position_kd, float(control.gravity_compensation),
             control.torque_limit, robot.motor_line, law[:], tuning.largest_lean,
             tuning.emergency_lean, tuning.dead_time, tuning.cruise_speed)
-        self._scratch: Dict[int, Tuple[Array, Array, Array, Array]] = {}
         self.attempts = 0  # number of rollouts so far
         self.set_particles(knowledge.initial_particles)
 
@@ -159,12 +158,9 @@ class Worlds:
         """
         rows = np.ascontiguousarray(plans, dtype=float).reshape(-1, PLAN)
         results = np.zeros((len(rows), len(draws), RESULT))
-        vertices = len(ahead.shape)
-        if vertices not in self._scratch:
-            self._scratch[vertices] = Scratch.of(vertices)[:]
         position, speed, angle, rate = map(float, start)
         run_many((position, speed, angle, rate), rows, np.ascontiguousarray(draws), raised,
-                 self._drive, ahead.shape, self._scratch[vertices], results)
+                 self._drive, ahead.shape, Scratch.of(len(ahead.shape))[:], results)
         self.attempts += results.shape[0] * results.shape[1]
         heights = np.array([face.height for face in ahead.faces[:FACES_MAX]])
         if heights.min() < 0.0:
