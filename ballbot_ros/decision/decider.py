@@ -72,21 +72,21 @@ class Decider:
 
     """
 
+    knowledge: Knowledge
+    _plan: Planner
+
     def __init__(self, knowledge: Knowledge,
                  planner: Union[str, Callable[[Knowledge], Planner]] = 'cubic',
                  frame: str = 'base_link'):
         """Start without observations."""
-        self._particles = knowledge.initial_particles
-        self.knowledge = knowledge = replace(knowledge, particles=self._particles)
-        self._learner = Learner(self._particles)
+        self._learner = Learner(knowledge.initial_particles)
         self._maker = PLANNERS[planner] if isinstance(planner, str) else planner
-        self._plan = with_safety_filter(self._maker(knowledge), knowledge)
         self._fusion = GroundFusion(knowledge.robot, knowledge.tuning, frame)
-        self._fusion.set_steepest(_steepest(knowledge))
         self._pilot = Pilot(knowledge)
         self._memory = Memory(knowledge.tuning, knowledge.robot.ball_radius)
         self._watch = AttemptWatch(knowledge.robot)
         self.goals = Goals()
+        self.prepare(knowledge)()
         self.reset()
 
     def reset(self) -> None:
@@ -108,14 +108,14 @@ class Decider:
         The terrain estimate, the particles and the slope estimate are kept; plans are discarded.
         The robot and the fixed parameters of the tuning must not change.
         """
-        knowledge = replace(knowledge, particles=self._particles)
+        knowledge = replace(knowledge, particles=self._learner.particles)
         plan = with_safety_filter(self._maker(knowledge), knowledge)
+        braking = Braking(knowledge.robot, knowledge.tuning, knowledge.control)
 
         def activate() -> None:
             self.knowledge, self._plan = knowledge, plan
             self._pilot.follow(knowledge)
-            self._fusion.set_steepest(_steepest(knowledge))
-            self._fusion.set_tuning(knowledge.tuning)
+            self._fusion.follow(knowledge.tuning, braking.steepest)
         return activate
 
     @property
@@ -162,11 +162,6 @@ class Decider:
         self.end = self.goals.update(planned, motion, self.outcome)
         return Answer(motion.stamp, decision, self._pilot.angle(
             decision, replace(motion, slope=situation.slope)))
-
-
-def _steepest(knowledge: Knowledge) -> float:
-    """Return the steepest slope on which the ball can be held [rad]."""
-    return Braking(knowledge.robot, knowledge.tuning, knowledge.control).steepest
 
 
 def warm_up(knowledge: Knowledge, planner: str) -> None:

@@ -323,18 +323,11 @@ class ElevationMap:
         if -4 <= by <= 4:
             return
         self.first = wanted
-        if abs(by) >= NODES:
-            self.variance[:] = np.inf
-            self.known[:] = False
-            return
+        gained = slice(-by, None) if by > 0 else slice(None, -by)
         for array, blank in ((self.height, 0.0), (self.variance, np.inf), (self.known, False),
                              (self._strikes, 0.0)):
-            if by > 0:
-                array[:-by] = array[by:].copy()
-                array[-by:] = blank
-            else:
-                array[-by:] = array[:by].copy()
-                array[:-by] = blank
+            array[:] = np.roll(array, -by)
+            array[gained] = blank
 
 
 def _alignment(places: Array, difference: Array, variance: Array,

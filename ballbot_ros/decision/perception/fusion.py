@@ -32,13 +32,13 @@ class ProfileTracker:
         self._terrain = TerrainTracker(robot.ball_radius, tuning, self._edges, frame)
         self.reset()
 
-    def set_steepest(self, steepest: float) -> None:
-        """Set the steepest slope on which the ball can be held [rad]."""
-        self._terrain.steepest = steepest
+    def follow(self, tuning: DecisionTuning, steepest: float) -> None:
+        """
+        Replace the tuning, and the steepest slope on which the ball can be held [rad].
 
-    def set_tuning(self, tuning: DecisionTuning) -> None:
-        """Replace the tuning; only the parameters that are not fixed may differ."""
-        self._steps.tuning = tuning
+        Only the parameters of the tuning that are not fixed may differ.
+        """
+        self._steps.tuning, self._terrain.steepest = tuning, steepest
 
     def reset(self) -> None:
         """Discard all estimates, after a jump in time or position; edge numbers continue."""
@@ -123,8 +123,7 @@ class GroundFusion:
     def __init__(self, robot: Robot, tuning: DecisionTuning, frame: str = 'base_link'):
         """Start without observations."""
         self._tracker = ProfileTracker(robot, tuning, frame)
-        self.set_steepest = self._tracker.set_steepest
-        self.set_tuning = self._tracker.set_tuning
+        self.follow = self._tracker.follow
         self.reset()
 
     def reset(self) -> None:

@@ -178,7 +178,7 @@ def test_far_heights_that_are_too_small_do_not_level_a_slope(growth):
 @pytest.mark.parametrize('seed', [0, *slow(1, 2)])
 def test_a_stretch_that_is_too_steep_stays_once_it_is_detected(seed):
     fusion = GroundFusion(GIMBALL, DecisionTuning())
-    fusion.set_steepest(0.075)
+    fusion.follow(DecisionTuning(), 0.075)
     sensor = TerrainSensor(ground((0.5, -0.0393)), 3.0, 0.003, seed)  # 0.0785 rad
     known = []
     for number, x in enumerate(np.linspace(0.0, 0.9, 150)):
