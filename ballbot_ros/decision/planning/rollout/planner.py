@@ -18,8 +18,8 @@ from ballbot_ros.decision.planning.ahead import Ahead, Candidate
 from ballbot_ros.decision.planning.face_planner import Choice, Selector
 from ballbot_ros.decision.planning.rollout.rollout import TOUCH_SPEED
 from ballbot_ros.decision.planning.rollout.search import (
-    candidates, confirm, from_farther_back, good, height_limit, highest_step, passing, plan_row,
-    search, Task, Trial, why_not)
+    candidates, confirm, from_farther_back, good, height_limit, highest_step, passing, search,
+    Task, Trial, why_not)
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -140,10 +140,10 @@ def _reason(task: Task, trials: Sequence[Trial], tuning: DecisionTuning,
         return Reason.DROP
     far = from_farther_back(task.ahead, task.ahead.touch - 0.01, HYPOTHETICAL_RUN_UP, tuning,
                             (1.2, HYPOTHETICAL_RUN_UP))
-    rows = [plan_row(item, task.ahead) for item in _promising(far, failures)]
-    if not rows:
+    plans = _promising(far, failures)
+    if not plans:
         return Reason.FAILED_BEFORE if failures else Reason.TOO_HIGH
-    results = task.worlds.attempt(task.start, rows, task.worlds.middle(), task.ahead)[:, 0]
+    results = task.attempt(plans, task.worlds.middle())[:, 0]
     yield
     tally = Tally.of(results[results[:, TOUCH_SPEED] <= task.highest_speed])
     if failures and tally.over:

@@ -104,8 +104,9 @@ def from_farther_back(ahead: Ahead, position: float, room: float, tuning: Decisi
     return found
 
 
-# Steps are raised by these multiples of their height deviation, to rank candidates.
-RAISED_SIGMAS, RAISED_SIGMAS_MAX = 1.3, 2.3
+# Passes that rank candidates: the level of the trials, the levels that a crossing adds, and the
+# multiple of its height deviation by which the step is raised.
+PASSES = (0, 2, 1.3), (2, 1, 2.3), (0, 1, 0.0)
 LEVEL_MAX = 3
 # Number of finalists, and of common worlds for comparing them.
 FINALISTS_MAX, COMPARISON_WORLDS = 8, 16
@@ -159,11 +160,14 @@ class Task:
     # more often than an emergency stop.
     too_late: bool = False
 
+    def attempt(self, plans: Sequence[Candidate], worlds: Array, raised: float = 0.0) -> Array:
+        """Return the results of each plan in each world, see `Worlds.attempt`."""
+        return self.worlds.attempt(
+            self.start, [plan_row(plan, self.ahead) for plan in plans], worlds, self.ahead, raised)
+
     def tally(self, candidate: Candidate, worlds: Array, raised: float = 0.0) -> Tally:
         """Return the results of a plan in some worlds."""
-        results = self.worlds.attempt(
-            self.start, [plan_row(candidate, self.ahead)], worlds, self.ahead, raised)
-        return Tally.of(results[0], self.ahead.room_to)
+        return Tally.of(self.attempt([candidate], worlds, raised)[0], self.ahead.room_to)
 
     def continued(self, candidate: Candidate, tally: Tally, count: int) -> Tally:
         """Return a tally extended by more worlds, which are not those of the comparison."""
@@ -172,8 +176,7 @@ class Task:
 
     def braking(self, number: int) -> float:
         """Return the probability that an emergency stop ends before the first face."""
-        brake = plan_row(Candidate(Strategy.STOP, 0.0), self.ahead)
-        results = self.worlds.attempt(self.start, [brake], self.worlds.sample(number), self.ahead)
+        results = self.attempt([Candidate(Strategy.STOP, 0.0)], self.worlds.sample(number))
         return float(np.mean(np.isnan(results[0, :, TOUCH_SPEED])))
 
 
@@ -219,28 +222,19 @@ def _sort(trials: List[Trial], task: Task) -> Generator[None, None, None]:
         trial.candidate.speed**2 + 2.0 * LEAN_ACCELERATION * max(trial.candidate.swing, 0.0)))
     for begin in range(0, len(trials), CANDIDATES_PER_BATCH):
         bundle = trials[begin:begin + CANDIDATES_PER_BATCH]
-        rows = [plan_row(trial.candidate, task.ahead) for trial in bundle]
-        first = task.worlds.attempt(
-            task.start, rows, middle, task.ahead, RAISED_SIGMAS * spread)[:, 0]
-        yield
-        for trial, result in zip(bundle, first):
-            trial.level = 2 if result[VERDICT] == OVER else 0
-            trial.speed, trial.falls = float(result[TOUCH_SPEED]), result[VERDICT] == FALLS
-            if result[VERDICT] == OVER:
-                trial.behind = float(result[PASSED_SPEED])
-        for level, raised in ((2, RAISED_SIGMAS_MAX * spread), (0, 0.0)):
+        for number, (level, added, raised) in enumerate(PASSES):
             chosen = [trial for trial in bundle if trial.level == level and not trial.falls]
-            yield
             if chosen:
-                results = task.worlds.attempt(
-                    task.start, [plan_row(trial.candidate, task.ahead) for trial in chosen],
-                    middle, task.ahead, raised)
+                results = task.attempt(
+                    [trial.candidate for trial in chosen], middle, raised * spread)
                 for trial, result in zip(chosen, results[:, 0]):
-                    trial.level += int(result[VERDICT] == OVER)
+                    trial.falls = result[VERDICT] == FALLS
+                    if number == 0:
+                        trial.speed = float(result[TOUCH_SPEED])
                     if result[VERDICT] == OVER:
+                        trial.level += added
                         trial.behind = float(result[PASSED_SPEED])
-                    trial.falls = trial.falls or result[VERDICT] == FALLS
-        yield
+            yield
         if sum(trial.level == LEVEL_MAX for trial in trials) >= SUFFICIENT_COUNT:
             # The remaining ones are less gentle.
             break
@@ -302,9 +296,7 @@ def highest_step(plans: Sequence[Candidate], task: Task) -> Generator[None, None
         raised, passing = 0.5 * (low + high), []
         for begin in range(0, len(plans), CANDIDATES_PER_BATCH):
             bundle = plans[begin:begin + CANDIDATES_PER_BATCH]
-            results = task.worlds.attempt(
-                task.start, [plan_row(plan, task.ahead) for plan in bundle], middle, task.ahead,
-                raised)[:, 0]
+            results = task.attempt(bundle, middle, raised)[:, 0]
             passing += [plan for plan, result in zip(bundle, results) if result[VERDICT] == OVER
                         and result[TOUCH_SPEED] <= task.highest_speed]
             yield
