@@ -9,18 +9,16 @@ import numpy as np
 import pytest
 from tiers import slow
 
-from ballbot_ros.control import JointReadings, load_tuning, PendulumController, SetPoint
+from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import (
     Decision, Face, Kind, load_decision_tuning, Motion, Profile, ProfileTracker, Reason,
     StepObservation, TerrainObservation)
 from ballbot_ros.decision.execution.attempts import AttemptWatch
 from ballbot_ros.decision.values import Outlook, Strategy, UNSEEN
-from ballbot_ros.physics.model.actuation import Actuator, TORQUE
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.physics.model.terrain import Terrain
-from ballbot_ros.physics.simulation.model import Model
-from ballbot_ros.physics.simulation.solver import Solver
 from ballbot_ros.plant import TerrainSensor
+from ballbot_ros.studies.evaluation.closed_loop import ClosedLoop
 
 GIMBALL = load_robot('gimball')
 TUNING = load_decision_tuning('decision_default')
@@ -42,39 +40,32 @@ def drive(ground, speed, lean, robot=GIMBALL, unseen=NEVER, seconds=4.5, polylin
     """Drive a ball over a terrain with slipping odometry; return outcomes and final state."""
     terrain = Terrain(GROUNDS[ground])
     faces = [(face[0, 0], face[-1, 1] - face[0, 1]) for face in terrain.faces(1.0, 0.002)]
-    model = Model(robot, terrain, solver=Solver(step=5e-4))
-    controller = PendulumController(robot, load_tuning('published'))
+    loop = ClosedLoop(robot, terrain, robot, load_tuning('published'), 0.0, 0.0)
     tracker, watch = ProfileTracker(GIMBALL, TUNING), AttemptWatch(GIMBALL)
     random, sensor = np.random.default_rng(1), TerrainSensor(terrain, 3.0, 0.0005)
-    state, torque, outcomes, profile = model.at_rest(0.0), 0.0, [], UNSEEN
-    for index in range(int(seconds * 1000)):
-        now = index / 1000
-        if index % 20 == 0:
-            x, v = (-robot.ball_radius * number
-                    for number in (state.ball_angle, state.ball_rate))
-            ahead = next((face for face in faces if face[0] > state.x), None)
-            sight = sensor.measure(state.x, state.y, index) if polyline else None
-            if sight is not None:
-                profile = tracker.update(TerrainObservation(
-                    now, sight.x, sight.z, sight.z_sd, sight.x_min, sight.x_max), x)
-            elif not unseen[0] <= now < unseen[1]:
-                profile = tracker.update(StepObservation(now, False) if ahead is None else (
-                    StepObservation(
-                        now, True, max(0.0, ahead[0] - state.x + 0.005 * random.normal()),
-                        ahead[1] + 0.0005 * random.normal(), 0.005, 0.0005)), x)
-            decision = Decision(
-                Kind.CROSS, Reason.LIKELY, speed, '', step=profile.face.number
-                if profile.face else 0, outlook=Outlook(probability=0.9))
-            outcome = watch.update(
-                Motion(now, x, v, state.pendulum_angle), profile, decision)
-            if outcome is not None:
-                outcomes.append(outcome)
-            angle = min(max(1.8 * (speed - v), -lean), lean)
-            controller.give(SetPoint('hold', angle, now))
-        late, torque = torque, controller.torque(JointReadings(
-            now, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate))
-        state = model.advance(state, Actuator(TORQUE, late, limit=10.0), 2)
-    return outcomes, state
+    outcomes, profile = [], UNSEEN
+    for index in range(int(50 * seconds)):
+        state = loop.state
+        now = state.time
+        x, v = (-robot.ball_radius * number for number in (state.ball_angle, state.ball_rate))
+        ahead = next((face for face in faces if face[0] > state.x), None)
+        sight = sensor.measure(state.x, state.y, index) if polyline else None
+        if sight is not None:
+            profile = tracker.update(TerrainObservation(
+                now, sight.x, sight.z, sight.z_sd, sight.x_min, sight.x_max), x)
+        elif not unseen[0] <= now < unseen[1]:
+            profile = tracker.update(StepObservation(now, False) if ahead is None else (
+                StepObservation(
+                    now, True, max(0.0, ahead[0] - state.x + 0.005 * random.normal()),
+                    ahead[1] + 0.0005 * random.normal(), 0.005, 0.0005)), x)
+        decision = Decision(
+            Kind.CROSS, Reason.LIKELY, speed, '', step=profile.face.number
+            if profile.face else 0, outlook=Outlook(probability=0.9))
+        outcome = watch.update(Motion(now, x, v, state.pendulum_angle), profile, decision)
+        if outcome is not None:
+            outcomes.append(outcome)
+        loop.advance(min(max(1.8 * (speed - v), -lean), lean), 10)
+    return outcomes, loop.state
 
 
 @pytest.mark.parametrize('ground, speed, lean, results', [

@@ -5,17 +5,13 @@ import math
 
 import pytest
 
-from ballbot_ros.control import JointReadings, load_tuning, Mode, PendulumController, SetPoint
+from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import (
     Decision, Kind, Knowledge, load_curve, load_decision_tuning, Motion, Pilot, Plan, Reason,
     Strategy)
-from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.physics.model.terrain import Terrain
-from ballbot_ros.physics.simulation.model import Model
-from ballbot_ros.physics.simulation.scene import Initial, Run, Scene
-from ballbot_ros.physics.simulation.solver import Solver
-from ballbot_ros.plant import Plant
+from ballbot_ros.studies.evaluation.closed_loop import ClosedLoop
 
 GIMBALL = load_robot('gimball')
 KNOWLEDGE = Knowledge(
@@ -40,24 +36,15 @@ def test_the_slope_is_unknown_before_the_ball_has_moved_for_some_seconds():
     assert found[0] > 0.03 and found == sorted(found, reverse=True) and found[-1] < 0.011
 
 
-def drive(slope_deg, decide, seconds=8.0, speed=0.0):
+def drive(slope_deg, decide, seconds=8.0):
     """Return (time, x, speed, pendulum angle) at 50 Hz; `decide` maps time to a decision."""
-    rise = math.tan(math.radians(slope_deg))
-    model = Model(GIMBALL, Terrain([[-5.0, -5.0 * rise], [20.0, 20.0 * rise]]),
-                  solver=Solver(step=1e-3))
-    plant = Plant(Scene('slope', model, Initial(speed=speed), Actuation(), Run(duration=seconds)),
-                  500.0)
-    controller = PendulumController(GIMBALL, load_tuning('published'))
+    loop = ClosedLoop(GIMBALL, Terrain.slope(math.radians(slope_deg)), GIMBALL,
+                      load_tuning('published'), 0.0, 0.0)
     pilot, log = Pilot(KNOWLEDGE), []
-    for period in range(int(500 * seconds)):
-        state = plant.state
-        if period % 10 == 0:
-            angle = pilot.angle(decide(plant.time),
-                                Motion(plant.time, state.x, state.velocity_x))
-            controller.give(SetPoint(Mode.HOLD, angle, plant.time))
-            log.append((plant.time, state.x, state.velocity_x, state.pendulum_angle))
-        plant.advance(controller.torque(JointReadings(
-            plant.time, state.ball_angle, state.joint_angle, state.ball_rate, state.joint_rate)))
+    for _ in range(int(50 * seconds)):
+        state = loop.state
+        log.append((state.time, state.x, state.velocity_x, state.pendulum_angle))
+        loop.advance(pilot.angle(decide(state.time), Motion(*log[-1][:3])), 10)
     return log
 
 
