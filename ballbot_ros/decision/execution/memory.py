@@ -3,7 +3,7 @@
 from collections import deque
 from dataclasses import replace
 import math
-from typing import Deque, List, Optional, Tuple
+from typing import Deque, Optional, Tuple
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.learning.outcomes import Outcome, Result
@@ -55,11 +55,8 @@ class Memory:
 
     def failures(self, profile: Profile) -> Tuple[Failure, ...]:
         """Return the failures at faces ahead, with the present face numbers."""
-        found: List[Failure] = []
-        for face in profile.faces:
-            found += [replace(failure, face=face.number) for failure in self._failures
-                      if _is_at(failure, face.position)]
-        return tuple(found)
+        return tuple(replace(failure, face=face.number) for face in profile.faces
+                     for failure in self._failures if _is_at(failure, face.position))
 
     def move(self, motion: Motion, profile: Profile) -> None:
         """Update the position and the free ground behind the ball."""

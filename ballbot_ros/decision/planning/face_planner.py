@@ -295,7 +295,9 @@ class FacePlanner:
     def _face(self, ahead: Ahead, situation: Situation, crossing: Optional[Decision]) -> Decision:
         """Decide on the faces ahead; `crossing`: a crossing past its last braking point."""
         motion, face, selector = situation.motion, ahead.faces[0], self._selector
-        room = self._braking_room(ahead, motion)
+        # The distance to the last braking point.
+        room = ahead.touch - LINE_MARGIN - motion.position - self._lines.braking.distance(
+            motion.speed, ahead.slope, emergency=True)
         if not ahead.ends or face.height > self._robot.ball_radius:
             selector.forget()
             # A face whose height is uncertain may also be a drop.
@@ -368,8 +370,3 @@ class FacePlanner:
             return None
         return replace(stop(Reason.LANDING, 'Stopping behind the edge'),
                        plan=Plan(Strategy.STOP, edge=plan.edge))
-
-    def _braking_room(self, ahead: Ahead, motion: Motion) -> float:
-        """Return the distance to the last braking point [m]."""
-        needed = self._lines.braking.distance(motion.speed, ahead.slope, emergency=True)
-        return ahead.touch - LINE_MARGIN - motion.position - needed
