@@ -205,9 +205,6 @@ def test_the_crossing_of_a_step_too_high_is_refused():
 
 def test_without_a_step_to_cross_the_ball_stays_at_rest():
     ride = Ride()
-    for _ in range(3):
-        ride.tick()
-    ride = Ride()
     ride.decider.goals.begin(CrossGoal(ride.motion, 0.0))
     assert ride.until_the_end().ending is Ending.NO_STEP
     assert abs(ride.motion.position) < 0.05

@@ -29,7 +29,7 @@ def test_inconsistent_values_are_refused(curve, change, reason, field):
 
 def test_shipped_tuning_fits_the_shipped_curves():
     assert TUNING == DecisionTuning()
-    check_decision(GIMBALL, load_curve('gimball_down'), TUNING)
+    check_decision(GIMBALL, CURVE, TUNING)
 
 
 @pytest.mark.parametrize('name, shown', [('gimball_horizontal', '1.5708 rad'),
@@ -101,11 +101,9 @@ def test_barely_consistent_values_are_accepted():
 
 
 def test_a_curve_of_a_robot_with_other_parameters_is_refused():
-    tuning = load_decision_tuning('decision_default')
-    check_decision(GIMBALL, load_curve('gimball_down'), tuning)
     heavier = replace(GIMBALL, ball_mass=3.9)
     with refused('inconsistent', 'curve'):
-        check_decision(heavier, load_curve('gimball_down'), tuning)
+        check_decision(heavier, CURVE, TUNING)
     motor = replace(GIMBALL, motor=replace(GIMBALL.motor, resistance=3.0))
     assert len({GIMBALL.digest, heavier.digest, motor.digest, SHELLBALL.digest}) == 4
     assert replace(GIMBALL, name='other').digest == GIMBALL.digest
