@@ -29,11 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    import json
-
     from ballbot_ros.figures.residuals import residual_figure
     from ballbot_ros.physics import load_scene
-    from ballbot_ros.results.files import read_columns, write_text
+    from ballbot_ros.results.files import read_columns, write_json
     from ballbot_ros.studies.identification import FIT_COUNT, identify
     from ballbot_ros.studies.recording import Recording
     scene = load_scene(arguments.scene)
@@ -50,8 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
         ('identify.json', *figure_files(['residuals'])), arguments.overwrite)
     with watched(FIT_COUNT, arguments.quiet or arguments.json, 'fitting:', 'fits') as progress:
         found = identify(scene, recording, arguments.estimate, arguments.recorded_torque, progress)
-    write_text(json.dumps(content_of(found), indent=2, allow_nan=False) + '\n',
-               folder / 'identify.json')
+    write_json(content_of(found), folder / 'identify.json')
     figure = residual_figure(
         {name: (recording.channels[name][0], values) for name, values in found.residuals.items()},
         found.channels, f'{scene.name}: simulated minus measured',

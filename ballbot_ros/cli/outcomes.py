@@ -85,15 +85,16 @@ def print_table(outcomes: Sequence[Any]) -> None:
 
 def export(outcomes: Sequence[Any], out: Any, overwrite: bool = False) -> int:
     """Write all numbers to a file, or as CSV to the terminal."""
-    import json
-    from ballbot_ros.results.files import write_text
+    from ballbot_ros.results.files import write_json, write_text
     rows = [_flat(item) for item in outcomes]
     if out is None:
         print(_csv(rows), end='')
         return DONE
     check_new_file(out, overwrite, endings=('.csv', '.json'))
-    write_text(_csv(rows) if out.suffix.lower() == '.csv' else json.dumps(rows, indent=2) + '\n',
-               out)
+    if out.suffix.lower() == '.csv':
+        write_text(_csv(rows), out)
+    else:
+        write_json(rows, out)
     return DONE
 
 

@@ -162,15 +162,12 @@ def run_bag(arguments: argparse.Namespace) -> int:
 
 def write(found: Replayed, folder: Path, title: str, kind: str) -> list[str]:
     """Write numbers, figure and the input of `identify`; return the names of the files."""
-    import json
-
     import yaml
 
     from ballbot_ros.bags.replay import UNITS
     from ballbot_ros.figures.residuals import departure_figure
-    from ballbot_ros.results.files import write_columns, write_text
-    write_text(json.dumps(found.content, indent=2, allow_nan=False) + '\n',
-               folder / 'replay.json')
+    from ballbot_ros.results.files import write_columns, write_json, write_text
+    write_json(found.content, folder / 'replay.json')
     files = ['replay.json']
     if found.series:
         figure = departure_figure(found.series, UNITS, f'{title}: recording and model')

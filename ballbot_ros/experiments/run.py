@@ -3,6 +3,7 @@
 import csv
 from functools import partial
 import hashlib
+from importlib.metadata import PackageNotFoundError, version
 import io
 import json
 from pathlib import Path
@@ -12,13 +13,17 @@ from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
 
+from ballbot_ros import __version__
+from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
 from ballbot_ros.bags.opener import open_bag
 from ballbot_ros.bags.recorded_run import read_run, recorded_trajectory, stamp_of
 from ballbot_ros.errors import ConfigurationError, RefusedError
 from ballbot_ros.experiments.file import Experiment, FILE, freeze, load_experiment, node_parameters
-from ballbot_ros.physics import Scene
+from ballbot_ros.physics import load_scene, Scene
 from ballbot_ros.results.digests import digest, LENGTH
 from ballbot_ros.results.faces import meet_faces
+from ballbot_ros.results.files import check_writable, write_json, write_text
+from ballbot_ros.results.summary import plain as as_json_types
 from ballbot_ros.ros.topics import plain
 
 RESULT, TABLE, VERSIONS = 'numbers.json', 'results.csv', 'versions.json'
@@ -63,7 +68,6 @@ def _done(folder: Path, seed: int) -> bool:
 
 def _copy_inputs(plan: Experiment, folder: Path) -> Experiment:
     """Copy all inputs into a folder, and return the experiment read from it."""
-    from ballbot_ros.results.files import check_writable, write_text
     files = freeze(plan)
     check_writable(folder / FILE)
     for name, text in files.items():
@@ -80,13 +84,12 @@ def _copy_inputs(plan: Experiment, folder: Path) -> Experiment:
 
 def _run_missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
     """Run the missing seeds, and write the table of all seeds."""
-    from ballbot_ros.results.files import write_text
     left = [seed for seed in plan.seeds if not _done(folder, seed)]
     if len(left) < len(plan.seeds):
         say(f'{len(plan.seeds) - len(left)} of {len(plan.seeds)} seeds were already complete')
     if left:
         _prepare(plan)
-        write_text(as_json(versions()), folder / VERSIONS)
+        write_json(versions(), folder / VERSIONS)
     for seed in left:
         result = _run_seed(folder, plan, seed, timeout)
         say(f'seed {seed}: {words(result)}')
@@ -114,11 +117,7 @@ def _prepare(plan: Experiment) -> None:
 
 def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict[str, Any]:
     """Run one seed into its folder, which appears when it is complete; return the result."""
-    from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
     from ballbot_ros.experiments.lockstep import run_lockstep
-    from ballbot_ros.physics import load_scene
-    from ballbot_ros.results.files import write_text
-    from ballbot_ros.results.summary import plain as as_json_types
     draft, failed = folder / f'.seed_{seed}.part', folder / f'seed_{seed}_failed'
     for old in (draft, failed):
         shutil.rmtree(old, ignore_errors=True)
@@ -135,7 +134,7 @@ def _run_seed(folder: Path, plan: Experiment, seed: int, timeout: float) -> dict
                 f'{stamp}{text}' for stamp, text in sorted(messages.items())).encode()
                 ).hexdigest()[:LENGTH] for name, messages in found},
             'messages': {name: len(messages) for name, messages in found}})
-        write_text(as_json(result), draft / RESULT)
+        write_json(result, draft / RESULT)
         draft.rename(folder / f'seed_{seed}')
     except RefusedError as error:
         draft.rename(failed)
@@ -182,15 +181,12 @@ def _repeat(folder: Path, plan: Experiment, timeout: float, say: Any) -> bool:
 
 def versions() -> dict[str, str]:
     """Return versions on which the numbers may depend."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    from ballbot_ros import __version__
     found = {'ballbot_ros': __version__, 'python': platform.python_version(),
              'machine': platform.machine()}
     for name in ('numpy', 'numba', 'scipy'):
         try:
             found[name] = version(name)
-        except PackageNotFoundError:
+        except PackageNotFoundError:  # the kernels also run without numba
             found[name] = 'unknown'
     return found
 
@@ -253,8 +249,3 @@ def numbers_of(path: Path, scene: Scene) -> Dict[str, Any]:
         'faces_passed': sum(face.passed for face in meetings),
         'touch_times': [face.touch_time for face in meetings],
         'touch_speeds': [face.touch_speed for face in meetings]}
-
-
-def as_json(content: Any) -> str:
-    """Return content as JSON text for a file."""
-    return json.dumps(content, indent=2, allow_nan=False) + '\n'

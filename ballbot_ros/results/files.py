@@ -6,6 +6,7 @@ Files are written atomically: to a temporary name in the same folder, then renam
 """
 from contextlib import contextmanager
 import csv
+import json
 import os
 from pathlib import Path
 import re
@@ -80,6 +81,11 @@ def write_text(text: str, path: PathLike) -> None:
     """Write a text file atomically; see `replacing`."""
     with replacing(path) as stream:
         stream.write(text.encode('utf-8'))
+
+
+def write_json(content: Any, path: PathLike) -> None:
+    """Write JSON values, without NaN, as a text file; see `replacing`."""
+    write_text(json.dumps(content, indent=2, allow_nan=False) + '\n', path)
 
 
 def write_csv(trajectory: Trajectory, path: PathLike) -> None:
