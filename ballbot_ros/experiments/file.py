@@ -2,15 +2,21 @@
 """The file of an experiment: scene, nodes and seeds; and the folder with all its inputs."""
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Dict, Mapping, Tuple
+from typing import Any, Dict, Mapping
+
+import yaml
 
 from ballbot_ros.config.fields import Checked, expect_mapping, quantity, section, text
 from ballbot_ros.config.files import check_file, find_config, is_path, read_yaml
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.nodes.controller.settings import ControllerSettings
+from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
+from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.ros.settings import config_folders
 
 FILE = 'experiment.yaml'
-NODES = ('simulator', 'controller', 'obstacle_decision')
+NODES: Mapping[str, Any] = {'simulator': SimulatorSettings, 'controller': ControllerSettings,
+                            'obstacle_decision': DecisionSettings}
 # Parameters that the experiment sets, and the reasons.
 RESERVED_PARAMETERS = {
     'scene': 'it is a field of the experiment', 'robot': 'it is a field of the experiment',
@@ -35,13 +41,20 @@ class Experiment(Checked):
     obstacle_decision: Any = section(
         'parameters of the node obstacle_decision; if left out, the ball is not driven',
         default=None)
+    # Parameters of each node, checked, with all rates of the simulator.
     nodes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    period: float = 0.0  # of the observations [s]; 0 without obstacle_decision
 
     @property
     def periods(self) -> int:
         """Return the number of control periods of a run."""
         return round(self.duration * float(self.nodes['simulator']['control_rate']))
+
+    @property
+    def period(self) -> float:
+        """Return the period of the observations [s]; 0 without obstacle_decision."""
+        simulator = self.nodes['simulator']
+        return 1.0 / (simulator['terrain_rate'] or simulator['observation_rate']) \
+            if 'obstacle_decision' in self.nodes else 0.0
 
 
 def load_experiment(path: Path) -> Experiment:
@@ -61,12 +74,11 @@ def load_experiment(path: Path) -> Experiment:
                                  f'to {2**31 - 1}, got {seeds!r}', 'not_a_choice', 'seeds')
     folder = path.resolve().parent
     plan = replace(plan, scene=_located(folder, plan.scene), robot=_located(folder, plan.robot))
-    nodes, period = _nodes(plan, path, folder)
-    plan = replace(plan, nodes=nodes, period=period)
-    whole_number = plan.duration * nodes['simulator']['control_rate']
-    step = period or 1.0 / nodes['simulator']['control_rate']
-    if abs(plan.duration / step - round(plan.duration / step)) > 1e-6 \
-            or abs(whole_number - round(whole_number)) > 1e-6:
+    plan = replace(plan, nodes=_nodes(plan, path, folder))
+    control_period = 1.0 / plan.nodes['simulator']['control_rate']
+    step = plan.period or control_period
+    if any(abs(plan.duration / each - round(plan.duration / each)) > 1e-6
+           for each in (step, control_period)):
         raise ConfigurationError(
             f'{path}: duration must be a whole number of periods of {step:g} s, '
             f'got {plan.duration:g}', 'inconsistent', 'duration')
@@ -79,11 +91,10 @@ def _located(folder: Path, name: str) -> str:
     return str(path if path.is_absolute() else folder / path) if is_path(name) else name
 
 
-def _nodes(plan: Experiment, path: Path, folder: Path
-           ) -> Tuple[Dict[str, Dict[str, Any]], float]:
-    """Return the parameters of each node, checked, and the period of the observations [s]."""
+def _nodes(plan: Experiment, path: Path, folder: Path) -> Dict[str, Dict[str, Any]]:
+    """Return the parameters of each node; see `Experiment.nodes`."""
     nodes: Dict[str, Dict[str, Any]] = {}
-    for name, kind in _settings().items():
+    for name, kind in NODES.items():
         given = getattr(plan, name)
         if given is None and name == 'obstacle_decision':
             continue
@@ -98,20 +109,18 @@ def _nodes(plan: Experiment, path: Path, folder: Path
                 entries[key] = _located(folder, entries[key])
         kind.from_mapping(entries, place)
         nodes[name] = entries
-    simulator, declared = nodes['simulator'], _settings()['simulator']
-    simulator.setdefault('control_rate', declared.control_rate)
-    simulator.setdefault('observation_rate', declared.observation_rate)
+    simulator = nodes['simulator']
+    simulator.setdefault('control_rate', SimulatorSettings.control_rate)
+    simulator.setdefault('observation_rate', SimulatorSettings.observation_rate)
     simulator.setdefault(
-        'terrain_rate', 0.0 if simulator['observation_rate'] else declared.terrain_rate)
-    rates = [simulator[name] for name in ('terrain_rate', 'observation_rate') if simulator[name]]
-    if 'obstacle_decision' not in nodes:
-        return nodes, 0.0
-    if len(rates) != 1:
+        'terrain_rate', 0.0 if simulator['observation_rate'] else SimulatorSettings.terrain_rate)
+    if 'obstacle_decision' in nodes \
+            and bool(simulator['terrain_rate']) == bool(simulator['observation_rate']):
         raise ConfigurationError(
             f'{path}: simulator: in lockstep the decision answers each observation: one of '
             'terrain_rate and observation_rate must be above 0 Hz, and the other one 0',
             'inconsistent', 'observation_rate')
-    return nodes, 1.0 / rates[0]
+    return nodes
 
 
 def freeze(plan: Experiment) -> Dict[str, str]:
@@ -137,21 +146,13 @@ def freeze(plan: Experiment) -> Dict[str, str]:
         'scene': keep('scenes', plan.scene), 'robot': keep('robots', robot),
         'duration': plan.duration, 'seeds': list(plan.seeds)}
     for name, entries in plan.nodes.items():
-        kind = _settings()[name]
+        kind = NODES[name]
         folders = {key: folder for key, folder in config_folders(kind).items()
                    if key not in RESERVED_PARAMETERS}
         values = {**{key: getattr(kind, key) for key in folders}, **entries}
         lines[name] = {key: keep(folders[key], value) if key in folders else value
                        for key, value in values.items()}
-    import yaml
     return {FILE: yaml.safe_dump(lines, sort_keys=False), **dict(sorted(files.items()))}
-
-
-def _settings() -> Dict[str, Any]:
-    from ballbot_ros.nodes.controller.settings import ControllerSettings
-    from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
-    from ballbot_ros.nodes.simulator.settings import SimulatorSettings
-    return dict(zip(NODES, (SimulatorSettings, ControllerSettings, DecisionSettings)))
 
 
 def node_parameters(plan: Experiment, seed: int) -> Dict[str, Dict[str, Any]]:

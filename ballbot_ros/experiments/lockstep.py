@@ -11,6 +11,8 @@ from ballbot_ros.demo.demo import ending_by_signal, RESET_PERIOD
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.demo.recorded_graph import recording
 from ballbot_ros.errors import RefusedError
+from ballbot_ros.nodes.simulator.outputs import every
+from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.ros import discovery
 from ballbot_ros.srv import Step
 
@@ -31,11 +33,11 @@ def topics_of(nodes: Mapping[str, Mapping[str, Any]]) -> List[str]:
 
 def last_stamps(simulator: Mapping[str, Any], periods: int) -> Dict[str, int]:
     """Return the stamp of the last message of each topic with a separate rate [ns]."""
-    rate = float(simulator['control_rate'])
-    every = {name: round(rate / float(simulator.get(f'{name}_rate', 100.0)))
-             for name in ('odom', 'ball_state')}
-    return {name: round(periods // step * step / rate * 1e9)
-            for name, step in {'joint_states': 1, **every}.items()}
+    settings = SimulatorSettings.from_mapping(simulator, 'simulator')
+    spans = every(settings)
+    return {name: round(periods // span * span / settings.control_rate * 1e9)
+            for name, span in (('joint_states', spans.joint_states), ('odom', spans.odometry),
+                               ('ball_state', spans.ball_state))}
 
 
 def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: int,
