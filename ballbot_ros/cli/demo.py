@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ballbot_ros.cli.options import (
     add_number, add_overwrite, add_quiet, from_ros, refuse_without)
-from ballbot_ros.cli.output import result_folder
+from ballbot_ros.cli.output import OUTPUT, result_folder
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.drives import DRIVES
 from ballbot_ros.errors import ConfigurationError
@@ -69,15 +69,14 @@ def run(arguments: argparse.Namespace) -> int:
     folder = 'demo_hardware' if arguments.hardware else (
         'demo_house' if arguments.house else 'demo')
     picture = 'house.png' if arguments.house else 'crossing.png'
-    default = Path('ballbot_output') / folder
-    check_writable((arguments.out or default) / picture)  # before scenes are loaded
+    check_writable((arguments.out or OUTPUT / folder) / picture)  # before scenes are loaded
     cases = [] if arguments.hardware or arguments.house else demo.demo_cases(
         arguments.scene, arguments.robot, arguments.curve, arguments.tuning, arguments.duration,
         arguments.planner or 'rollout')
     names: tuple[str, ...] = (picture, 'bag', 'logs')
     if cases:
         names = tuple(f'{Path(case.scene).stem}/{name}' for case in cases for name in names)
-    out = result_folder(arguments.out, default, names, arguments.overwrite)
+    out = result_folder(arguments.out, folder, names, arguments.overwrite)
     page = from_ros('ballbot_ros.demo.page').page_beside if arguments.view else nullcontext
     common = {'out': out, 'quiet': arguments.quiet, 'timeout': arguments.timeout}
     pace = {'real_time': arguments.real_time, 'watched': arguments.view}

@@ -1,15 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verb ``figures``: the figures of the paper, re-simulated, and additional ones."""
 import argparse
-from pathlib import Path
 from typing import Any
 
 from ballbot_ros.cli.options import add_format, add_out, add_quiet
 from ballbot_ros.cli.output import figure_files, result_folder, save_figure, watched
 from ballbot_ros.cli.verb import DONE, INTERRUPTED, print_error
 from ballbot_ros.errors import ConfigurationError
-
-DEFAULT_FOLDER = Path('ballbot_output/figures')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
             print(f'{name:<12} {(draw.__doc__ or "").splitlines()[0]}')
         return DONE
     names = chosen(arguments.names, FIGURES)
-    out = result_folder(arguments.out, DEFAULT_FOLDER, figure_files(names, arguments.format),
+    out = result_folder(arguments.out, 'figures', figure_files(names, arguments.format),
                         arguments.overwrite)
     files: list[str] = []
     try:

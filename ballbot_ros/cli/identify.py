@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.channels:
         recording = recording.only(arguments.channels)
     folder = result_folder(
-        arguments.out, Path('ballbot_output') / f'identify_{scene.name}',
+        arguments.out, f'identify_{scene.name}',
         ('identify.json', *figure_files(['residuals'])), arguments.overwrite)
     with watched(FIT_COUNT, arguments.quiet or arguments.json, 'fitting:', 'fits') as progress:
         found = identify(scene, recording, arguments.estimate, arguments.recorded_torque, progress)

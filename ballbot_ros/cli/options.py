@@ -13,6 +13,7 @@ import re
 from typing import Any, Iterable, Sequence, Union
 import warnings
 
+from ballbot_ros.cli.output import OUTPUT
 from ballbot_ros.config.fields import count, quantity
 from ballbot_ros.config.optional import load_optional
 from ballbot_ros.errors import ConfigurationError, PlausibilityWarning
@@ -79,9 +80,9 @@ def add_overwrite(parser: argparse.ArgumentParser, file: bool = False) -> None:
 
 
 def add_out(parser: argparse.ArgumentParser, name: str) -> None:
-    """Add ``--out`` and ``--overwrite`` of files in the folder ballbot_output/`name`."""
+    """Add ``--out`` and ``--overwrite`` of files in the folder `name` of `OUTPUT`."""
     parser.add_argument('--out', type=Path, metavar='DIR', help=(
-        f'folder for the files (default: ballbot_output/{name}, or {name}_2, ... if it contains '
+        f'folder for the files (default: {OUTPUT / name}, or {name}_2, ... if it contains '
         'results)'))
     add_overwrite(parser)
 

@@ -10,6 +10,8 @@ from typing import Any, Callable, Iterable, Iterator, Optional, Sequence
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.studies.progress import ignore
 
+OUTPUT = Path('ballbot_output')  # folder of the results if no other is given
+
 
 def print_json(content: Any) -> None:
     """Print values as JSON, without NaN."""
@@ -29,14 +31,14 @@ def save_figure(figure: Any, folder: Path, name: str, kind: str = 'both') -> lis
 _claimed: list[Path] = []
 
 
-def result_folder(given: Optional[Path], default: Path, names: Sequence[str],
+def result_folder(given: Optional[Path], default: str, names: Sequence[str],
                   overwrite: bool) -> Path:
     """
-    Return a folder without results for the files of a verb: the given one, else the default.
+    Return a folder without results for the files of a verb: the given one, else one in `OUTPUT`.
 
-    The default gets ``_2``, ``_3``, ... while it contains one of the files, unless these are to be
-    overwritten.  The folder is created, so that no other process chooses it; see
-    `empty_folders_removed`.  Missing parents of a given folder are reported.  Raises
+    The latter is named `default`, with ``_2``, ``_3``, ... while it contains one of the files,
+    unless these are to be overwritten.  The folder is created, so that no other process chooses
+    it; see `empty_folders_removed`.  Missing parents of a given folder are reported.  Raises
     `ConfigurationError` if the given folder contains results, or cannot be written.
     """
     from ballbot_ros.results.files import check_writable
@@ -54,13 +56,13 @@ def result_folder(given: Optional[Path], default: Path, names: Sequence[str],
         _claimed.extend(missing)
         return True
 
-    folder = default if given is None else given
+    folder = OUTPUT / default if given is None else given
     if given is not None:
         report_new_folders(folder)
     number = 1
     while not claim(folder) and given is None and not overwrite:
         number += 1
-        folder = default.with_name(f'{default.name}_{number}')
+        folder = OUTPUT / f'{default}_{number}'
     if results_in(folder) and not overwrite:
         raise ConfigurationError(
             f'{folder} contains results ({", ".join(results_in(folder)[:3])}); add --overwrite to '

@@ -73,8 +73,8 @@ def run_black_box(path: Path, arguments: argparse.Namespace) -> int:
     from ballbot_ros.black_box.read import read_black_box
     from ballbot_ros.black_box.report import summary, write_tables
     if arguments.out is not None:
-        result_folder(arguments.out, arguments.out, ('period.csv', 'black_box.png',
-                                                     'black_box.svg'), arguments.overwrite)
+        result_folder(arguments.out, '', ('period.csv', *figure_files(['black_box'])),
+                      arguments.overwrite)
     recording = read_black_box(path)
     if not arguments.quiet:
         print(f'{path}\n\n{summary(recording)}')
@@ -137,7 +137,7 @@ def run_bag(arguments: argparse.Namespace) -> int:
     bag = path.resolve()
     # For a bag that is called "bag", the name of its folder is used.
     name = bag.parent.name if bag.stem == 'bag' and bag.is_dir() else bag.stem
-    folder = result_folder(arguments.out, Path('ballbot_output') / f'replay_{name}', (
+    folder = result_folder(arguments.out, f'replay_{name}', (
         'replay.json', 'scene.yaml', 'recording.csv', *figure_files(['replay'])),
         arguments.overwrite)
     run = read_run(path, arguments.namespace)

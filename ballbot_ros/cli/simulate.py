@@ -14,7 +14,6 @@ from ballbot_ros.cli.verb import DONE, FAILED, INTERRUPTED, print_error
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
 
-DEFAULT_FOLDER = Path('ballbot_output')
 NUMBERS = ('summary.txt', 'summary.json', 'trajectory.csv', 'trajectory.npz',
            'trajectory.parquet')
 PICTURES = ('strip', 'time_series')
@@ -74,8 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     scene = read_scene(arguments)
     from ballbot_ros.errors import SimulationError
     from ballbot_ros.jit import compile_time
-    folder = result_folder(arguments.out, DEFAULT_FOLDER / scene.name, ALL_FILES,
-                           arguments.overwrite)
+    folder = result_folder(arguments.out, scene.name, ALL_FILES, arguments.overwrite)
     animation = animation_asked(arguments, scene, folder)
     check_size(scene, folder)
     failure: Optional[SimulationError] = None

@@ -11,8 +11,6 @@ from ballbot_ros.cli.output import figure_files, result_folder, save_figure, wat
 from ballbot_ros.cli.verb import DONE, INTERRUPTED, print_error
 from ballbot_ros.config.fields import count, quantity
 
-DEFAULT_FOLDER = Path('ballbot_output')
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
@@ -36,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     robot, bench = read_robot(arguments), make_bench(arguments)
     from ballbot_ros.paper.procedure import HEIGHTS, run_tests
     name = f'bench_{robot.name}{"_driven" if arguments.driven else ""}'
-    folder = result_folder(arguments.out, DEFAULT_FOLDER / name, (
+    folder = result_folder(arguments.out, name, (
         'tests.csv', 'truth.csv', *figure_files(['tests'])), arguments.overwrite)
     rolls: list[Any] = []
     interrupted = False

@@ -61,9 +61,10 @@ def test_three_demos_leave_three_folders(tmp_path, monkeypatch, replace_demo):
     assert [folder.name for folder in folders] == ['demo', 'demo_2', 'demo_3']
 
 
-def test_simultaneous_runs_get_separate_folders(tmp_path):
+def test_simultaneous_runs_get_separate_folders(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     with empty_folders_removed():
-        folders = [result_folder(None, tmp_path / 'a', ('x',), False) for _ in range(3)]
+        folders = [result_folder(None, 'a', ('x',), False) for _ in range(3)]
     assert [folder.name for folder in folders] == ['a', 'a_2', 'a_3']
 
 
@@ -71,14 +72,14 @@ def test_abandoned_runs_leave_no_empty_folders(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path('given').mkdir()
     with empty_folders_removed():
-        assert result_folder(None, Path('a', 'b'), ('x',), False).is_dir()
-        assert result_folder(Path('given', 'b', 'c'), Path('a'), ('x',), False).is_dir()
+        assert result_folder(None, 'a', ('x',), False).is_dir()
+        assert result_folder(Path('given', 'b', 'c'), 'a', ('x',), False).is_dir()
     assert list(tmp_path.rglob('*')) == [tmp_path / 'given']
 
 
 def test_a_folder_that_cannot_be_created_is_refused_before_the_run():
     with refused('not_writable', '/proc/none/x'):
-        result_folder(Path('/proc/none'), Path('a'), ('x',), False)
+        result_folder(Path('/proc/none'), 'a', ('x',), False)
 
 
 def test_an_existing_file_is_refused_unless_overwritten(tmp_path):
