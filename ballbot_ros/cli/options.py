@@ -116,8 +116,8 @@ def add_site(parser: argparse.ArgumentParser) -> None:
     """Add slopes and friction around the step; `read_site` returns them."""
     for where in ('before', 'behind'):
         add_number(parser, f'--slope-{where}-deg', 'DEGREES', quantity(
-            'degrees', f'slope of the ground {where} the step, positive uphill', default=0.0,
-            minimum=-80.0, maximum=80.0))
+            'degrees', f'slope of the ground {where} the step, positive uphill (default: 0)',
+            minimum=-80.0, maximum=80.0, optional=True))
     for where, what in (('before', 'of the ground before the step'), ('edge', 'of the edge'),
                         ('behind', 'of the ground behind the step')):
         parser.add_argument(f'--friction-{where}', type=float, metavar='MU',
@@ -175,8 +175,9 @@ def read_law(arguments: argparse.Namespace) -> Any:
 def read_site(arguments: argparse.Namespace) -> Any:
     """Return the site; raise `ConfigurationError` for a friction out of range."""
     from ballbot_ros.crossing import Site
-    return Site(math.radians(arguments.slope_before_deg), math.radians(arguments.slope_behind_deg),
-                arguments.friction_before, arguments.friction_edge, arguments.friction_behind)
+    return Site(math.radians(arguments.slope_before_deg or 0.0),
+                math.radians(arguments.slope_behind_deg or 0.0), arguments.friction_before,
+                arguments.friction_edge, arguments.friction_behind)
 
 
 def read_rules(arguments: argparse.Namespace) -> Any:

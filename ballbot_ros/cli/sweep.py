@@ -11,6 +11,12 @@ from ballbot_ros.cli.output import check_new_file, resumable, watched
 from ballbot_ros.cli.verb import DONE
 from ballbot_ros.errors import ConfigurationError
 
+# Parameters that an option sets as well.
+OPTIONS = {'set_angle_deg': '--angle-deg', **{
+    name: f'--{name.replace("_", "-")}' for name in (
+        'voltage', 'slope_before_deg', 'slope_behind_deg', 'friction_before', 'friction_edge',
+        'friction_behind', 'clearance')}}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_robot(parser)
@@ -46,9 +52,8 @@ def run(arguments: argparse.Namespace) -> int:
     check_new_file(arguments.out, arguments.overwrite, endings=('.parquet',))
     robot = options.read_robot(arguments)
     from ballbot_ros.physics.model.robot import height_warnings
-    from ballbot_ros.results.files import load_arrow
     from ballbot_ros.studies.parallel_map import worker_pool
-    from ballbot_ros.studies.sweep import refuse_foreign, run_sweep
+    from ballbot_ros.studies.sweep import run_sweep
     from ballbot_ros.studies.sweep_plan import SweepPlan
     varied, fixed = {}, {}
     for option, word in [('--vary', word) for word in arguments.vary] + [
@@ -58,6 +63,11 @@ def run(arguments: argparse.Namespace) -> int:
             raise ConfigurationError(
                 f'{option} {name}: given more than once; give all values in one --vary, as in '
                 f'{name}=0.2,0.5', 'ambiguous', name)
+        own = OPTIONS.get(name, '')
+        if own and getattr(arguments, own[2:].replace('-', '_')) is not None:
+            raise ConfigurationError(
+                f'{own} has no effect with {option} {name}; leave out one of them',
+                'inconsistent', own)
         if option == '--vary':
             varied[name] = values
         elif isinstance(values, list) and len(values) == 1:
@@ -75,20 +85,17 @@ def run(arguments: argparse.Namespace) -> int:
         options.warn_speeds('speed', used['speed'])
     if 'height' in used:
         options.warn(height_warnings(robot, max(used['height']), 'to be tried'))
-    refuse_foreign(arguments.out)
     start = perf_counter()
     with resumable(Path(f'{arguments.out}.blocks')), \
             worker_pool(arguments.workers, arguments.dask) as (pool, number), \
             watched(plan.size, arguments.quiet, 'sweeping', 'cases') as progress:
         found = run_sweep(plan, arguments.out, pool, number, progress)
-    failures = load_arrow().parquet.read_table(
-        arguments.out, columns=['failure'])['failure'].drop_null()
-    if len(failures):
-        options.warn([f'{len(failures)} of {plan.size} cases failed, see the column failure of '
-                      f'{arguments.out}; the first: {failures[0]}'])
+    if found.failed:
+        options.warn([f'{found.failed} of {plan.size} cases failed, see the column failure of '
+                      f'{arguments.out}; the first: {found.reason}'])
     if not arguments.quiet:
         spent = perf_counter() - start
-        new = plan.size - found
+        new = plan.size - found.resumed
         print(f'{arguments.out}: {plan.size} cases, {new} of them run now, in {spent:.1f} s '
               f'({1e3 * spent * number / max(new, 1):.3g} ms CPU per case)')
     return DONE

@@ -9,25 +9,31 @@ from concurrent.futures import Executor
 import json
 from pathlib import Path
 import shutil
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from ballbot_ros.crossing import max_step_height, try_step
-from ballbot_ros.crossing.max_step_height import ATTEMPT_TOLERANCE, Crossings
+from ballbot_ros.crossing.max_step_height import ATTEMPT_TOLERANCE
 from ballbot_ros.errors import BallbotError, ConfigurationError
-from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.values import FINISHED
 from ballbot_ros.results.files import load_arrow, replacing
 from ballbot_ros.studies.parallel_map import checkpointed_map
-from ballbot_ros.studies.progress import ignore
+from ballbot_ros.studies.progress import ignore, Progress
 from ballbot_ros.studies.sweep_plan import NUMBERS, SweepPlan
 
 BLOCK_SIZE = 1000  # cases in a file
 TRIED_COLUMNS = {'passes': '1', 'score': 'm2/s2'}
 METADATA_KEY = b'ballbot_sweep'  # key of the provenance in the metadata
 SEARCHED_COLUMNS = {'max_height': 'm', 'error': 'm'}
-Result = Tuple[Any, Any, Optional[str]]  # values of two result columns, or the failure
+
+
+class Finished(NamedTuple):
+    """Numbers of cases of a finished sweep."""
+
+    resumed: int  # that a previous, interrupted run had finished
+    failed: int
+    reason: str  # of the first failure; empty without one
 
 
 def columns(plan: SweepPlan) -> Dict[str, str]:
@@ -45,13 +51,15 @@ def run_block(plan: SweepPlan, first: int, stop: int) -> Dict[str, List[Any]]:
     results are empty.
     """
     rows = plan.block(first, stop)
-    crossings, heights, prepared = plan.crossings(rows)
     results: List[Any] = [None] * len(rows)
-    if crossings is not None:
-        ran = zip(np.flatnonzero(prepared).tolist(), _tried(crossings, heights)
-                  if heights is not None else _found(crossings, plan.accuracy))
-        for place, result in ran:
-            results[place] = result
+    prepared = plan.crossings(rows)
+    if prepared is not None:
+        crossings, heights, which = prepared
+        ran = crossings.found(plan.accuracy)[:, [0, 2, 4]] if heights is None \
+            else crossings.tried(heights, ATTEMPT_TOLERANCE)
+        for place, (value, other, outcome) in zip(np.flatnonzero(which).tolist(), ran.tolist()):
+            if outcome == FINISHED:
+                results[place] = value if heights is None else value > 0.0, other, None
     for place, values in enumerate(rows.tolist()):
         # Cases that failed in the table run again individually, to obtain their errors.
         if results[place] is None:
@@ -64,21 +72,7 @@ def run_block(plan: SweepPlan, first: int, stop: int) -> Dict[str, List[Any]]:
     return table
 
 
-def _tried(crossings: Crossings, heights: Array) -> List[Optional[Result]]:
-    """Return whether each ball crosses its step, and the score; None where the run fails."""
-    results = crossings.tried(heights, ATTEMPT_TOLERANCE)
-    return [(passes > 0.0, score, None) if outcome == FINISHED else None
-            for passes, score, outcome in results.tolist()]
-
-
-def _found(crossings: Crossings, accuracy: float) -> List[Optional[Result]]:
-    """Return maximum step heights and their errors [m]; None where the run fails."""
-    results = crossings.found(accuracy)
-    return [(low, error, None) if outcome == FINISHED else None
-            for low, _, error, _, outcome in results.tolist()]
-
-
-def _run_alone(plan: SweepPlan, values: Mapping[str, float]) -> Result:
+def _run_alone(plan: SweepPlan, values: Mapping[str, float]) -> Tuple[Any, Any, Optional[str]]:
     """Return the result of one case, or the reason for its failure."""
     try:
         robot, speed, height, actuation, site, rules = plan.case(values)
@@ -91,32 +85,42 @@ def _run_alone(plan: SweepPlan, values: Mapping[str, float]) -> Result:
 
 
 def run_sweep(plan: SweepPlan, out: Path, pool: Executor, workers: int,
-              progress: Callable[[float], None] = ignore, block: int = BLOCK_SIZE) -> int:
+              progress: Progress = ignore, block: int = BLOCK_SIZE) -> Finished:
     """
     Run a plan and write a Parquet file, resuming an interrupted run.
 
     `block` is the number of cases in a block file; `progress` receives the number of finished
-    cases.  Returns the number of cases that a previous run had finished.  Raises
-    `ConfigurationError` if pyarrow is missing, a file cannot be written, `out` exists and is not
-    the result of a sweep, or the folder next to it belongs to another sweep.
+    cases.  Raises `ConfigurationError` if pyarrow is missing, a file cannot be written, `out`
+    exists and is not the result of a sweep, or the folder next to it belongs to another sweep.
     """
-    refuse_foreign(out)
     arrow = load_arrow()
+    _refuse_foreign(arrow, out)
     folder = out.with_name(out.name + '.blocks')
     blocks = {}
     for first in range(0, plan.size, block):
         stop = min(first + block, plan.size)
         blocks[f'{first:010d}-{stop:010d}.parquet'] = stop - first, (plan, first, stop)
-    found = checkpointed_map(run_block, blocks, folder, plan.digest, pool, workers,
-                             lambda table, path: write_parquet(arrow, plan, table, path), progress)
-    _join(arrow, plan, [folder / name for name in blocks], out)
+    schema = _schema(arrow, plan)
+
+    def write(table: Dict[str, List[Any]], path: Path) -> None:
+        with replacing(path) as stream:
+            arrow.parquet.write_table(arrow.table(table, schema=schema), stream)
+    resumed = checkpointed_map(
+        run_block, blocks, folder, plan.digest, pool, workers, write, progress)
+    failed, reason = 0, ''
+    with replacing(out) as stream, arrow.parquet.ParquetWriter(stream, schema) as writer:
+        for name in blocks:
+            part = arrow.parquet.read_table(folder / name)
+            writer.write_table(part)
+            reasons = part['failure'].drop_null()
+            failed += len(reasons)
+            reason = reason or next(map(str, reasons), '')
     shutil.rmtree(folder)
-    return found
+    return Finished(resumed, failed, reason)
 
 
-def refuse_foreign(out: Path) -> None:
-    """Refuse to replace a file that no sweep has written; pyarrow must be installed."""
-    arrow = load_arrow()
+def _refuse_foreign(arrow: Any, out: Path) -> None:
+    """Refuse to replace a file that no sweep has written."""
     if not out.exists():
         return
     try:
@@ -137,16 +141,3 @@ def _schema(arrow: Any, plan: SweepPlan) -> Any:
         [arrow.field(name, kinds.get(name, arrow.float64()),
                      metadata={'unit': unit}) for name, unit in columns(plan).items()],
         metadata={METADATA_KEY: json.dumps(described)})
-
-
-def write_parquet(arrow: Any, plan: SweepPlan, table: Dict[str, List[Any]], path: Path) -> None:
-    """Write one block atomically."""
-    with replacing(path) as stream:
-        arrow.parquet.write_table(arrow.table(table, schema=_schema(arrow, plan)), stream)
-
-
-def _join(arrow: Any, plan: SweepPlan, parts: List[Path], out: Path) -> None:
-    with replacing(out) as stream, \
-            arrow.parquet.ParquetWriter(stream, _schema(arrow, plan)) as writer:
-        for part in parts:
-            writer.write_table(arrow.parquet.read_table(part))

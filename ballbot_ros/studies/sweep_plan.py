@@ -180,29 +180,26 @@ class SweepPlan(Checked):
         return {IN_DEGREES.get(name, name): RADIAN * value if name in IN_DEGREES else value
                 for name, value in {**self.fixed, **values}.items()}
 
-    def crossings(self, rows: Array) -> tuple[Optional[Crossings], Any, Array]:
+    def crossings(self, rows: Array) -> Optional[tuple[Crossings, Any, Array]]:
         """
         Return the cases of a block as the kernels read them, with the heights of their steps [m].
 
-        The third value is the mask of these cases, (n,): for other rows, `case` raises an error.
-        The first two are None if there is no such case.
+        The heights are None to search.  The third value is the mask of these cases, (n,): for
+        other rows, `case` raises an error.  None if there is no such case.
         """
         columns = {**{name: np.full(len(rows), value, dtype=float)
                       for name, value in self.fixed.items()}, **dict(zip(self.names, rows.T))}
-        none = None, None, np.zeros(len(rows), dtype=bool)
-        if len(rows) == 1:  # no columns
-            return none
         try:
             with np.errstate(all='ignore'):
                 case = self.case(columns)
                 which = self._in_order(columns, case)
                 if not which.any():
-                    return none
+                    return None
                 robot, speed, height, actuation, site, rules = case
                 crossings = Crossings.of(
                     len(rows), robot, speed, actuation.start_angle, actuation, site, rules)
         except ConfigurationError:  # in all cases
-            return none
+            return None
         return (Crossings(crossings.rows[which], crossings.grounds[which]),
                 None if height is None else height[which], which)
 

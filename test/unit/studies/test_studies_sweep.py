@@ -97,7 +97,7 @@ def test_the_command_warns_of_failed_cases(tmp_path, capsys):
 def test_the_file_contains_all_cases_with_units_and_provenance(tmp_path):
     plan = SweepPlan(GIMBALL, design='sobol', cases=128, ranges=RANGES)
     out = tmp_path / 'sweep.parquet'
-    assert sweep(plan, out) == 0
+    assert sweep(plan, out) == (0, 0, '')
     table = parquet.read_table(out)
     assert table.column('case').to_pylist() == list(range(128))
     assert {field.name: field.metadata[b'unit'].decode() for field in table.schema} \
@@ -143,7 +143,7 @@ def test_a_killed_sweep_resumes_without_loss_of_results(tmp_path):
     with ThreadPoolExecutor(1) as pool:
         found = run_sweep(plan, killed, pool, 1, lambda _: look())
         run_sweep(plan, whole, pool, 1)
-    assert found == 1000 * len(done)
+    assert found.resumed == 1000 * len(done)
     # Completed blocks are not computed again.
     assert {path: stamps[path] for path in done} == done
     assert parquet.read_table(killed) == parquet.read_table(whole)
@@ -273,6 +273,12 @@ def test_an_angle_may_be_in_degrees_with_the_unit_of_its_column():
     (['--vary', 'speed=1', '--vary', 'set_angle=0:90:3'], 'inconsistent', 'set_angle'),
     (['--vary', 'speed=1', '--vary', 'speed=2'], 'ambiguous', 'speed'),
     (['--vary', 'speed=1', '--fix', 'speed=2'], 'ambiguous', 'speed'),
+    (['--vary', 'speed=1', '--actuation', 'voltage', '--voltage', '0', '--vary', 'voltage=1,2'],
+     'inconsistent', '--voltage'),
+    (['--vary', 'speed=1', '--slope-behind-deg', '0', '--fix', 'slope_behind_deg=1'],
+     'inconsistent', '--slope-behind-deg'),
+    (['--vary', 'speed=1', '--actuation', 'held', '--angle-deg', '3', '--fix', 'set_angle_deg=1'],
+     'inconsistent', '--angle-deg'),
     (['--vary', 'speed=1,2', '--fix', 'height=1:2'], 'wrong_type', 'height')])
 def test_invalid_options_are_refused(refuses, tmp_path, words, reason, field):
     refuses(reason, field, 'sweep', '--out', tmp_path / 'x.parquet', *words)
