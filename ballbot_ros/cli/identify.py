@@ -31,11 +31,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.figures.residuals import residual_figure
     from ballbot_ros.physics import load_scene
-    from ballbot_ros.results.files import read_columns, write_json
+    from ballbot_ros.results.files import read_columns, READERS, write_json
     from ballbot_ros.studies.identification import FIT_COUNT, identify
     from ballbot_ros.studies.recording import Recording
     scene = load_scene(arguments.scene)
-    if arguments.data.suffix in ('.csv', '.npz', '.parquet'):
+    if arguments.data.suffix.lower() in READERS:
         recording = Recording.of_columns(read_columns(arguments.data))
     else:
         from ballbot_ros.bags.recorded_run import read_run

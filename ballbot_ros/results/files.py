@@ -186,13 +186,13 @@ def read_units(path: PathLike) -> dict[str, str]:
 
 
 def _read(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
-    readers = {'.csv': _read_csv, '.npz': _read_npz, '.parquet': _read_parquet}
-    if path.suffix not in readers:
+    ending = path.suffix.lower()
+    if ending not in READERS:
         raise ConfigurationError(
             f'{path}: a trajectory is kept in a file ending in .csv, .npz or .parquet, '
             f'got {path.suffix!r}', 'not_a_choice', 'path')
     try:
-        return readers[path.suffix](path)
+        return READERS[ending](path)
     except OSError as error:
         raise ConfigurationError(
             f'{path}: cannot be read: {error.strerror or error}', 'unreadable', 'path') from error
@@ -259,3 +259,6 @@ def _read_parquet(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
         missing = [name for name, unit in units.items() if not unit]
         raise ValueError(f'column {missing[0]!r} has no unit in its metadata')
     return {name: np.array(table[name], dtype=float) for name in units}, units
+
+
+READERS = {'.csv': _read_csv, '.npz': _read_npz, '.parquet': _read_parquet}

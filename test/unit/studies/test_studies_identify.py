@@ -99,11 +99,11 @@ def test_a_recorded_torque_is_replayed():
 
 @pytest.mark.slow
 def test_the_command_reads_a_csv_and_writes_table_and_figure(tmp_path, capsys):
-    write_csv(TRUTH.simulate(), tmp_path / 'run.csv')
+    write_csv(TRUTH.simulate(), tmp_path / 'run.CSV')
     scene = tmp_path / 'mine.yaml'
     scene.write_text('robot: gimball\nrobot_changes: {joint_friction: 0.2}\n'
                      'initial: {pendulum_angle_deg: 60.0}\nduration: 2.0\n')
-    words = ['identify', str(scene), str(tmp_path / 'run.csv'), '--estimate', 'joint_friction',
+    words = ['identify', str(scene), str(tmp_path / 'run.CSV'), '--estimate', 'joint_friction',
              'edge_friction', '--channels', 'ball_angle', 'pendulum_angle', '--out',
              str(tmp_path / 'out')]
     assert main(words) == 0
@@ -191,13 +191,13 @@ def test_a_run_truncated_by_ctrl_c_is_not_used_as_a_residual(monkeypatch):
 
 @pytest.mark.parametrize('unit, factor', [('deg', 180.0 / np.pi), ('mrad', 1e3), ('rad', 1.0)])
 def test_columns_in_other_units_are_converted(tmp_path, unit, factor):
-    (tmp_path / 'run.csv').write_text(
+    (tmp_path / 'run.CSV').write_text(
         f'time [ms],ball_angle [{unit}],battery [banana]\n'
         + ''.join(f'{10 * n},{0.1 * n * factor!r},{n}\n' for n in range(9)))
-    columns = read_columns(tmp_path / 'run.csv')
+    columns = read_columns(tmp_path / 'run.CSV')
     np.testing.assert_allclose(columns['time'], 0.01 * np.arange(9))
     np.testing.assert_allclose(columns['ball_angle'], 0.1 * np.arange(9))
-    assert read_units(tmp_path / 'run.csv') == {
+    assert read_units(tmp_path / 'run.CSV') == {
         'time': 's', 'ball_angle': 'rad', 'battery': 'banana'}
 
 
