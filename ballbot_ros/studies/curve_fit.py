@@ -192,8 +192,7 @@ def slope_rows(low: float, high: float) -> Array:
 
 HEADER = """\
 How high a step {crossing}, as a cubic of the speed at touch: height = a0 + a1 v + a2 v^2 +
-a3 v^3, in m and m/s.  Valid between the two speeds only: outside, the cubic means nothing and
-may even come down again.
+a3 v^3, in m and m/s.  Valid from lowest_speed to highest_speed only.
 
 The coefficients called conservative are those of a cubic that is nowhere above the simulation.
 """
