@@ -192,6 +192,7 @@ def read_scene(arguments: argparse.Namespace) -> Any:
     from dataclasses import replace
 
     from ballbot_ros.config.fields import check_choice, check_value
+    from ballbot_ros.physics.simulation.run import output_steps
     from ballbot_ros.physics.simulation.scene import load_scene
     from ballbot_ros.physics.simulation.solver import ACCURACY, METHODS, PRESETS, Solver
     scene = load_scene(arguments.scene)
@@ -216,6 +217,10 @@ def read_scene(arguments: argparse.Namespace) -> Any:
             run, accuracy=run.accuracy or ACCURACY)
     scene = replace(scene, model=replace(scene.model, solver=solver), run=run)
     refuse_idle(arguments, scene)
+    rounded = output_steps(run.duration, run.output_step) * run.output_step
+    if rounded > run.duration * (1.0 + 1e-6):
+        warn([f'the duration of {run.duration:g} s is rounded up to {rounded:g} s, a multiple of '
+              f'the output step of {run.output_step:g} s'])
     return scene
 
 

@@ -83,6 +83,14 @@ def test_options_replace_values_of_the_scene(tmp_path, capsys):
     assert read_columns(tmp_path / 'trajectory.csv')['time'][-1] == pytest.approx(0.5)
 
 
+def test_a_rounded_duration_causes_a_warning(tmp_path, capsys):
+    assert main(['simulate', 'fig7_top', '--out', str(tmp_path), '--no-figures', '--json',
+                 '--duration', '0.95', '--output-step', '0.1']) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)['duration'] == pytest.approx(1.0)
+    assert err.startswith('Warning: ') and '0.95 s' in err and '1 s' in err
+
+
 @pytest.mark.parametrize('words, reason, field', [
     (['--duration', '-1'], 'out_of_range', 'duration'),
     (['--duration', 'nan'], 'not_finite', 'duration'),
