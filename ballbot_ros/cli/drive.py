@@ -11,7 +11,7 @@ import signal
 import sys
 import termios
 import time
-from typing import Any, Iterator, NamedTuple, Optional, TextIO
+from typing import Any, Iterator, Optional, TextIO
 
 from ballbot_ros.cli.options import add_number, from_ros
 from ballbot_ros.cli.verb import DONE, FAILED, print_error
@@ -83,9 +83,9 @@ def drive(arguments: argparse.Namespace, observer: Any, robot: Any, keyboard: An
             if keyboard.gone:
                 return FAILED
             if gamepad is not None:
-                reading = gamepad.read()
-                pressed += reading.keys
-                driving.stick(reading.stick)
+                stick, keys = gamepad.read()
+                pressed += keys
+                driving.stick(stick)
             for key in pressed:
                 request = driving.press(key, time.monotonic())
                 if request == 'quit':
@@ -99,22 +99,15 @@ def drive(arguments: argparse.Namespace, observer: Any, robot: Any, keyboard: An
             observer.spin(0.0)
             if now >= show_at or pressed:
                 show_at = now + STATUS_PERIOD
-                show(robot, driving.speed)
+                width = shutil.get_terminal_size().columns
+                sys.stdout.write(f'\r{line(robot, driving.speed, width)}\x1b[K')
+                sys.stdout.flush()
     except OSError as error:
         print_error(f'stopped: {error}')
         return FAILED
     finally:
         if not keyboard.gone:
             print(flush=True)
-
-
-def show(robot: Any, wanted: float) -> None:
-    """Rewrite the status line."""
-    width = shutil.get_terminal_size().columns
-    text = line(wanted, robot.speed, robot.pendulum, robot.decision, robot.e_stop,
-                robot.followers, robot.reply, width)
-    sys.stdout.write(f'\r{text}\x1b[K')
-    sys.stdout.flush()
 
 
 @contextmanager
@@ -177,21 +170,20 @@ class Driving:
         return self.speed
 
 
-def line(wanted: float, speed: Optional[float], pendulum: Optional[float], decision: str,
-         e_stop: Optional[bool], followers: int, reply: str, width: int) -> str:
-    """Return the status line, cut to the width of the terminal."""
+def line(robot: Any, wanted: float, width: int) -> str:
+    """Return the status line for a commanded speed [m/s], cut to the width of the terminal."""
     words = [f'command {wanted:+.2f} m/s']
-    words.append('measured   -  m/s' if speed is None else f'measured {speed:+.2f} m/s')
-    words.append('pendulum    - deg' if pendulum is None
-                 else f'pendulum {math.degrees(pendulum):+4.0f} deg')
-    if e_stop is not None:
-        words.append('E-STOP' if e_stop else 'e-stop off')
-    if decision:
-        words.append(decision)
-    if not followers:
+    words.append('measured   -  m/s' if robot.speed is None else f'measured {robot.speed:+.2f} m/s')
+    words.append('pendulum    - deg' if robot.pendulum is None
+                 else f'pendulum {math.degrees(robot.pendulum):+4.0f} deg')
+    if robot.e_stop is not None:
+        words.append('E-STOP' if robot.e_stop else 'e-stop off')
+    if robot.decision:
+        words.append(robot.decision)
+    if not robot.followers:
         words.append('no subscriber of cmd_vel')
-    if reply:
-        words.append(' '.join(reply.split()))
+    if robot.reply:
+        words.append(' '.join(robot.reply.split()))
     text = '  '.join(words)
     return text if len(text) < width else f'{text[:max(width - 4, 0)]}...'
 
@@ -264,13 +256,6 @@ class Keyboard:
 DEAD_ZONE = 0.1
 
 
-class StickReading(NamedTuple):
-    """Position of the stick, forward positive from -1 to 1, and keys of the buttons."""
-
-    stick: float
-    keys: list[str]
-
-
 class Gamepad:
     """The first gamepad; raises `ConfigurationError` without one or without package evdev."""
 
@@ -294,8 +279,12 @@ class Gamepad:
         self._low, self._high = information.min, information.max
         self._value = information.value
 
-    def read(self) -> StickReading:
-        """Return the stick, and the keys since the last call; raise OSError if unplugged."""
+    def read(self) -> tuple[float, list[str]]:
+        """
+        Return the stick, forward positive from -1 to 1, and the keys since the last call.
+
+        Raises OSError if the gamepad is unplugged.
+        """
         keys = []
         while (event := self._device.read_one()) is not None:
             if event.type == self._codes.EV_ABS and event.code == self._codes.ABS_Y:
@@ -306,4 +295,4 @@ class Gamepad:
         # The axis has its minimum at full forward deflection.
         part = (self._low + self._high - 2.0 * self._value) / (self._high - self._low)
         beyond = max(0.0, abs(part) - DEAD_ZONE) / (1.0 - DEAD_ZONE)
-        return StickReading(math.copysign(beyond, part), keys)
+        return math.copysign(beyond, part), keys

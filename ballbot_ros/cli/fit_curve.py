@@ -42,16 +42,14 @@ def run(arguments: argparse.Namespace) -> int:
     speeds = read_range(arguments.speed, '--speed')
     check_value('--speed: COUNT', len(speeds), Request.__dataclass_fields__['points'].metadata, '')
     options.warn_speeds('--speed', speeds)
-    samples = arguments.samples
-    if samples and not uncertain(robot):
+    if arguments.samples and not uncertain(robot):
         raise ConfigurationError(
-            f'--samples {samples}: no parameter of {robot.name} has a range, so there is no '
+            f'--samples {arguments.samples}: no parameter of {robot.name} has a range, so there is no '
             'band; give a parameter of the robot file a range, or leave --samples out',
             'inconsistent', 'samples')
-    if samples is None:
-        samples = 256 if uncertain(robot) else 0
-    request = Request(speeds[0], speeds[-1], len(speeds), arguments.accuracy, samples,
-                      arguments.seed)
+    request = Request(
+        speeds[0], speeds[-1], len(speeds), arguments.accuracy, seed=arguments.seed,
+        **({} if arguments.samples is None else {'samples': arguments.samples}))
     if arguments.out.exists():
         try:
             load_curve(str(arguments.out))

@@ -2,7 +2,7 @@
 """The verb ``outcomes``: logged attempts of a robot, and the parameters learned from them."""
 import argparse
 from pathlib import Path
-from typing import Any, Sequence
+from typing import Any, Optional, Sequence
 
 from ballbot_ros.cli import options
 from ballbot_ros.cli.output import check_new_file, watched
@@ -83,7 +83,7 @@ def print_table(outcomes: Sequence[Any]) -> None:
     print(f'{len(outcomes)} outcome{"s" * (len(outcomes) != 1)}, of which {over} crossed')
 
 
-def export(outcomes: Sequence[Any], out: Any, overwrite: bool = False) -> int:
+def export(outcomes: Sequence[Any], out: Optional[Path], overwrite: bool) -> int:
     """Write all numbers to a file, or as CSV to the terminal."""
     from ballbot_ros.results.files import write_json, write_text
     rows = [_flat(item) for item in outcomes]

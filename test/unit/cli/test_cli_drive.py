@@ -190,12 +190,17 @@ def test_keys_are_distinguished_and_unknown_ones_ignored():
 
 
 def test_the_status_line_fits_the_terminal_and_marks_unknown_values():
-    text = line(0.0, None, None, '', None, 0, '', 200)
+    robot = SimpleNamespace(
+        speed=None, pendulum=None, decision='', e_stop=None, followers=0, reply='')
+    text = line(robot, 0.0, 200)
     assert 'no subscriber' in text and '-  m/s' in text and 'stop' not in text
-    assert line(0.1, 0.1, 0.0, '', True, 1, 'e-stop:\nengaged', 200).endswith('e-stop: engaged')
-    assert 'E-STOP' in line(0.1, 0.1, 0.0, '', True, 1, '', 200)
+    robot = Robot(None)
+    robot.e_stop, robot.reply = True, 'e-stop:\nengaged'
+    text = line(robot, 0.1, 200)
+    assert 'E-STOP' in text and text.endswith('e-stop: engaged')
+    robot.reply = 'x' * 300
     for width in (1, 4, 20, 80):
-        assert len(line(0.1, 0.1, 0.0, 'CROSS', True, 1, 'x' * 300, width)) <= max(width - 1, 3)
+        assert len(line(robot, 0.1, width)) <= max(width - 1, 3)
 
 
 # Gamepads
@@ -225,7 +230,7 @@ def test_a_stick_and_two_buttons_are_read_by_evdev(monkeypatch):
     assert gamepad.read() == (1.0, ['e', 'space'])
     assert gamepad.read() == (1.0, [])
     driving = Driving(0.1, 0.6)
-    driving.stick(gamepad.read().stick)
+    driving.stick(gamepad.read()[0])
     assert driving.speed == 0.6
 
 
@@ -238,7 +243,7 @@ def test_an_untouched_stick_commands_nothing(monkeypatch):
     (0, 1.0), (20, 1.0 - 0.2 / 0.9), (80, 0.1 / 0.9), (90, 0.0), (110, 0.0), (200, -1.0)])
 def test_a_stick_has_a_dead_zone_and_keeps_its_range(value, part, monkeypatch):
     monkeypatch.setitem(sys.modules, 'evdev', fake_evdev([event(3, 1, value)], high=200))
-    assert Gamepad().read().stick == pytest.approx(part)
+    assert Gamepad().read()[0] == pytest.approx(part)
 
 
 @pytest.mark.parametrize('devices, keys', [((), (304,)), (('/dev/input/event1',), (30,))])
