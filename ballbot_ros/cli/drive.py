@@ -173,7 +173,8 @@ class Driving:
 def line(robot: Any, wanted: float, width: int) -> str:
     """Return the status line for a commanded speed [m/s], cut to the width of the terminal."""
     words = [f'command {wanted:+.2f} m/s']
-    words.append('measured   -  m/s' if robot.speed is None else f'measured {robot.speed:+.2f} m/s')
+    words.append('measured   -  m/s' if robot.speed is None
+                 else f'measured {robot.speed:+.2f} m/s')
     words.append('pendulum    - deg' if robot.pendulum is None
                  else f'pendulum {math.degrees(robot.pendulum):+4.0f} deg')
     if robot.e_stop is not None:

@@ -5,21 +5,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from ballbot_ros.cli import main
-
-
-@pytest.fixture
-def error_of(capsys):
-    """Return a function that returns the single error line of a refused call."""
-    def call(*words):
-        assert main(words) == 2
-        out, err = capsys.readouterr()
-        *notes, error = err.splitlines(keepends=True)
-        assert out == '' and error.startswith('ballbot: error: ')
-        assert all(note.startswith('Note: ') for note in notes), err
-        return error
-    return call
-
 
 @pytest.fixture
 def replace_demo(monkeypatch):

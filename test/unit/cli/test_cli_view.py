@@ -33,14 +33,14 @@ def test_a_missing_viser_is_refused(refuses, monkeypatch):
     refuses('not_installed', 'viser', 'view', 'flat')
 
 
-def test_a_taken_port_is_refused(error_of):
+def test_a_taken_port_is_refused(refusal):
     pytest.importorskip('viser')
     with socket.socket() as taken:
         taken.bind(('127.0.0.1', 0))
         taken.listen()
         port = taken.getsockname()[1]
-        assert f'port {port}' in error_of('view', 'flat', '--no-browser', '--quiet', '--port',
-                                          str(port), '--duration', '0.1')
+        assert f'port {port}' in str(refusal('view', 'flat', '--no-browser', '--quiet', '--port',
+                                             port, '--duration', '0.1'))
 
 
 def test_view_prints_its_address_and_ends_by_itself(capsys):

@@ -73,11 +73,3 @@ def test_the_command_prints_all_heights_as_json(capsys, few):
     found = json.loads(capsys.readouterr().out)
     assert found['speeds'] == [0.3, 0.9]
     assert all(len(model['heights']) == 2 and model['cost'] > 0.0 for model in found['models'])
-
-
-@pytest.mark.parametrize('words, part', [
-    (['--robot', 'gimbal'], "did you mean 'gimball'"), (['--angle-deg', 'nan'], '--angle-deg'),
-    (['--robot', 'shellball', '--actuation', 'held'], 'needs a pendulum')])
-def test_errors_on_the_command_line_are_reported(capsys, words, part):
-    assert main(['compare-models', *words]) == 2
-    assert part in capsys.readouterr().err

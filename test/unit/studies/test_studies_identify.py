@@ -4,11 +4,10 @@ from dataclasses import replace
 import json
 import math
 
+from bag_of_a_run import BagOf
 import numpy as np
 import pytest
 from refusals import refused
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import get_typestore, Stores
 
 from ballbot_ros.bags.recorded_run import read_run
 from ballbot_ros.bags.replay import measured_columns
@@ -212,22 +211,15 @@ def test_an_invalid_unit_is_refused(tmp_path, heading, column):
 
 def write_bag(folder, run):
     """Write joint states of a run as a bag, with an offset of the stamps."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    types = store.types
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
-        joints = bag.add_connection('/robot/joint_states', 'sensor_msgs/msg/JointState',
-                                    typestore=store)
-        for row in range(len(run)):
-            stamp = 1_700_000_000 * 10**9 + round(1e9 * run['time'][row])
-            header = types['std_msgs/msg/Header'](
-                types['builtin_interfaces/msg/Time'](stamp // 10**9, stamp % 10**9), '')
-            ball, pendulum = run['ball_angle'][row], run['pendulum_angle'][row]
-            rates = run['ball_rate'][row], run['pendulum_rate'][row]
-            message = types['sensor_msgs/msg/JointState'](
-                header, ['shell', 'pendulum'], np.array([ball, pendulum - ball]),
-                np.array([rates[0], rates[1] - rates[0]]),
-                np.array([0.0, run['pendulum_torque'][row]]))
-            bag.write(joints, stamp, store.serialize_cdr(message, 'sensor_msgs/msg/JointState'))
+    bag = BagOf(folder, {}, '/robot')
+    joint = {'angle': run['pendulum_angle'] - run['ball_angle'],
+             'rate': run['pendulum_rate'] - run['ball_rate']}
+    for row in range(len(run)):
+        bag.joints('joint_states', 1_700_000_000 * 10**9 + round(1e9 * run['time'][row]),
+                   ['shell', 'pendulum'], [run['ball_angle'][row], joint['angle'][row]],
+                   [run['ball_rate'][row], joint['rate'][row]],
+                   [0.0, run['pendulum_torque'][row]])
+    bag.writer.close()
 
 
 @pytest.mark.slow

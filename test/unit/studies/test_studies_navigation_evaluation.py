@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 
-from ballbot_ros.cli import main
 from ballbot_ros.studies.navigation import evaluation
 from ballbot_ros.studies.navigation.evaluation import (
     drive, knowledge, NavigationEvaluation, report, run_evaluation)
@@ -69,9 +68,3 @@ def test_a_drive_returns_a_row_of_results():
     found = drive(draw_house(knowledge().robot, 5, 3), 'run_up')
     assert found['outcome'] == 'succeeded' and found['hit'] < 0.1 and not found['fell']
     assert math.isfinite(found['time']) and found['away'] < 0.3
-
-
-@pytest.mark.parametrize('option', [['--goals', '0'], ['--planners', 'walls'], ['--seed', '-1']])
-def test_invalid_options_are_refused(option, capsys):
-    assert main(['evaluate-navigation', *option]) != 0
-    assert option[0][2:-1] in capsys.readouterr().err
