@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verbs ``plan-route`` and ``floor-masks``: routes on a floor, and masks for Nav2."""
 import argparse
-import math
 from pathlib import Path
 from typing import Any
 
@@ -49,15 +48,14 @@ def run(arguments: argparse.Namespace) -> int:
     route = planner.route(arguments.start, arguments.goal)
     explanation = planner.explain(route, arguments.start, arguments.goal)
     if arguments.json:
+        from ballbot_ros.results.summary import plain
         print_json({
             'time': route.time, 'probability': route.probability,
             'explanation': explanation, 'segments': [{
                 'points': segment.points, 'time': segment.time,
                 'feature': segment.feature.label if segment.feature is not None else None,
-                'crossing': {
-                    name: value if math.isfinite(value) else None
-                    for name, value in segment.crossing._asdict().items()}
-                if segment.crossing is not None else None} for segment in route.segments]})
+                'crossing': None if segment.crossing is None
+                else plain(segment.crossing._asdict())} for segment in route.segments]})
     else:
         from ballbot_ros.table import table
         rows, time = [('time', 'to', 'by')], 0.0

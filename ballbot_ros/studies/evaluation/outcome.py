@@ -28,6 +28,7 @@ import numpy as np
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Decision, Kind
 from ballbot_ros.physics.model.state import State
+from ballbot_ros.results.summary import plain
 from ballbot_ros.studies.evaluation.approaches import Approach
 from ballbot_ros.studies.evaluation.closed_loop import (
     AX, AY, BX, BY, ClosedLoop, PERIOD, TOUCH_PERIOD, TOUCH_SPEED)
@@ -102,15 +103,8 @@ class Verdict:
     @property
     def row(self) -> Dict[str, Any]:
         """Return the verdict as JSON values, with null for numbers that are not finite."""
-        return asdict(self, dict_factory=lambda items: {
-            name: finite_or_none(value) for name, value in items})
-
-
-def finite_or_none(value: Any) -> Any:
-    """Return a value, or a tuple of them, with None for numbers that are not finite."""
-    if isinstance(value, tuple):
-        return [finite_or_none(one) for one in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        values: Dict[str, Any] = plain(asdict(self))
+        return values
 
 
 class OutcomeMonitor:

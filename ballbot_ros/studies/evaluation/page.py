@@ -4,8 +4,7 @@ import textwrap
 from typing import Any, Dict, List, Mapping, Sequence
 
 from ballbot_ros.studies.evaluation.approaches import UNSEEN_ROOM
-from ballbot_ros.studies.evaluation.outcome import OUTCOMES
-from ballbot_ros.studies.evaluation.report import BAD, LISTED
+from ballbot_ros.studies.evaluation.report import BAD, GOOD, LISTED
 from ballbot_ros.studies.evaluation.terrains import KINDS
 from ballbot_ros.table import markdown
 
@@ -58,12 +57,12 @@ def table_of_targets(lines: Sequence[Dict[str, Any]]) -> List[str]:
 
 def table_of_planners(planners: Mapping[str, Any]) -> List[str]:
     """Return the outcomes of each planner per thousand approaches."""
-    titles = ('planner', 'approaches', *(f'{name} per 1,000' for name in (*OUTCOMES[:2], *BAD)),
+    titles = ('planner', 'approaches', *(f'{name} per 1,000' for name in (*GOOD, *BAD)),
               'crossed of the crossable steps', 'mean ms per decision', 'worst ms')
     return markdown(titles, ((
         name, one['approaches'],
         *(f'{1e3 * one["outcomes"].get(outcome, 0) / max(one["approaches"], 1):.0f}'
-          for outcome in OUTCOMES[:2]),
+          for outcome in GOOD),
         *(f'{one["per thousand"][outcome]:.1f}' for outcome in BAD),
         f'{one["crossable"]["outcomes"].get("over", 0)} of {one["crossable"]["approaches"]}',
         *('-' if one['cost'][key] is None else f'{one["cost"][key]:.2f}' for key in (
@@ -72,7 +71,7 @@ def table_of_planners(planners: Mapping[str, Any]) -> List[str]:
 
 def table_of_groups(title: str, groups: Mapping[str, Any]) -> List[str]:
     """Return the figures by kind of terrain, sensor or condition."""
-    names = [name for name in (*OUTCOMES, 'raised')
+    names = [name for name in (*GOOD, *BAD)
              if any(name in one['outcomes'] for one in groups.values())]
     titles = (title, 'approaches', *names, 'attempts', 'predicted', 'observed', 'same plan again',
               'more than 2 changes', 'crossed of possible')

@@ -13,9 +13,9 @@ from ballbot_ros.studies.evaluation.sensors import KINDS as SENSORS
 
 GENTLE = math.radians(3.0)  # slopes on which no fall is allowed
 PROBABILITY_TOLERANCE = 0.02  # of a predicted probability
-# Predicted probabilities, and the range of predictions that counts as each.
-PREDICTIONS = ((0.9, 0.875, 0.925), (0.95, 0.925, 0.97), (0.99, 0.97, 1.0 + 1e-9))
 EDGES = (0.0, 0.5, 0.7, 0.8, 0.875, 0.925, 0.97, 1.0 + 1e-9)  # of the reliability diagram
+# Predicted probabilities, and the range of predictions that counts as each.
+PREDICTIONS = tuple(zip((0.9, 0.95, 0.99), EDGES[4:], EDGES[5:]))
 HITS = 1e-3                 # allowed per approach
 CHANGES, CHANGES_RUNS = 2, 0.99  # allowed number, and fraction of runs that must not exceed it
 CROSSED, OF = 150, 160
@@ -23,7 +23,7 @@ SEARCH_PART = 0.8           # fraction of the crossings that the search with the
 CORRELATION = 0.8           # of predicted with true margin
 ROOMS = (0.15, 0.4, 0.65, 1.0, 1.5, 2.5)  # before the step [m]
 LISTED = 20  # listed failed approaches
-BAD = ('fell', 'hit', 'ran away', 'stuck', 'idle', 'undecided', 'raised')
+GOOD, BAD = OUTCOMES[:2], (*OUTCOMES[2:], 'raised')
 
 
 def interval(good: int, total: int, level: float = 0.95) -> Tuple[float, float]:
@@ -135,7 +135,7 @@ def missed(rows: Sequence[Row]) -> Dict[str, Any]:
 def outcomes(rows: Sequence[Row]) -> Dict[str, int]:
     """Return the number of each outcome."""
     found = Counter(row['outcome'] for row in rows)
-    return {name: found[name] for name in (*OUTCOMES, 'raised') if found[name]}
+    return {name: found[name] for name in (*GOOD, *BAD) if found[name]}
 
 
 def by_room(rows: Sequence[Row], radius: float) -> List[Dict[str, Any]]:
@@ -151,14 +151,11 @@ def by_room(rows: Sequence[Row], radius: float) -> List[Dict[str, Any]]:
 def group_counts(rows: Sequence[Row]) -> Dict[str, Any]:
     """Return the figures of one kind of terrain, sensor or condition."""
     attempts = [one for row in rows for one in row['attempts']]
-    predicted = [one for one in attempts if one['probability'] is not None]
-    found = missed(rows)
+    found, rates = missed(rows), success(rows, 0.0, math.inf)
     return {
         'approaches': len(rows), 'outcomes': outcomes(rows), 'falls': len(gentle_falls(rows)),
         'attempts': len(attempts),
-        'predicted': float(np.mean([one['probability'] for one in predicted])) if predicted
-        else None,
-        'observed': float(np.mean([one['over'] for one in predicted])) if predicted else None,
+        'predicted': rates.get('predicted'), 'observed': rates.get('observed'),
         'same': sum(one['same'] for one in attempts),
         'changes': sum(row['changes'] > CHANGES for row in rows),
         'possible': found['possible'], 'crossed': found['crossed']}
