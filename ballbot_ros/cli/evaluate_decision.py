@@ -78,9 +78,9 @@ def with_limits(arguments: argparse.Namespace, evaluation: Any, pool: Any) -> An
     from ballbot_ros.studies.evaluation.search import KNOTS, limits_of_most
     with watched(len(KNOTS), arguments.quiet, 'searching for the limits of most robots:',
                  'run-ups', keeps=False) as progress:
-        robot, gains = evaluation.nominal().names
+        nominal = evaluation.nominal()
         return replace(evaluation, limits=limits_of_most(
-            robot, gains, arguments.out, pool, progress))
+            nominal.robot, nominal.gains, arguments.out, pool, progress))
 
 
 def print_one(arguments: argparse.Namespace, evaluation: Any) -> None:

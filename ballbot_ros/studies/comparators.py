@@ -30,19 +30,6 @@ def quasi_static(robot: Robot) -> float:
     return robot.ball_radius - math.sqrt(robot.ball_radius**2 - offset**2)
 
 
-def slope_limit(robot: Robot, with_friction: bool = True) -> float:
-    """
-    Return the steepest slope that the ball climbs at a steady speed [rad].
-
-    The level pendulum balances gravity about the contact, sin(alpha) = M2 e / (M R); friction
-    must carry the ball's weight along the slope, tan(alpha) <= mu.  Laplante [10] gives 7.68
-    degrees for the first.  (His 48 degrees for the second, with mu = 0.2, are not the angle of
-    friction, which is 11.3 degrees.)  Rolling friction is neglected, and optionally the second.
-    """
-    limit = robot.slope_limit
-    return min(limit, math.atan(robot.surface_friction)) if with_friction else limit
-
-
 def energy(robot: Robot, speed: float) -> float:
     """
     Return the height at which the rolling energy is used up [m].

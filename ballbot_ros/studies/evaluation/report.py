@@ -26,11 +26,10 @@ LISTED = 20  # listed failed approaches
 GOOD, BAD = OUTCOMES[:2], (*OUTCOMES[2:], 'raised')
 
 
-def interval(good: int, total: int, level: float = 0.95) -> Tuple[float, float]:
-    """Return the Clopper-Pearson interval of a probability."""
-    low, high = 0.5 * (1.0 - level), 0.5 * (1.0 + level)
-    return (float(betaincinv(good, total - good + 1, low)) if good > 0 else 0.0,
-            float(betaincinv(good + 1, total - good, high)) if good < total else 1.0)
+def interval(good: int, total: int) -> Tuple[float, float]:
+    """Return the Clopper-Pearson interval of a probability, at 95 %."""
+    return (float(betaincinv(good, total - good + 1, 0.025)) if good > 0 else 0.0,
+            float(betaincinv(good + 1, total - good, 0.975)) if good < total else 1.0)
 
 
 def success(rows: Sequence[Row], low: float, high: float) -> Dict[str, Any]:

@@ -25,7 +25,6 @@ APPROACH_TIME_MAX = 30.0         # time limit without the time for a long obstac
 SLOWEST = 0.2             # average speed that the time limit allows over a long obstacle [m/s]
 REACTION_TIME = 0.3           # a decision may change for this time after new information [s]
 ARRIVED = 0.05  # largest distance from the start of the run-up after arrival there [m]
-LOG_PERIOD = 0.5          # longest time between two lines of the log [s]
 
 # Called with time, state, decision, set angle and decider.
 Listener = Callable[[float, State, Decision, float, Decider], None]
@@ -35,17 +34,14 @@ class NominalModel:
     """
     Assumptions of the decision: the nominal robot, curve and tunings, loaded and checked.
 
-    The arguments are names or files; `changes` are other values of the decision tuning.
+    `changes` are other values of the decision tuning.
     """
 
-    def __init__(self, robot: str = 'gimball', curve: str = 'gimball_down',
-                 tuning: str = 'decision_default', gains: str = 'published',
-                 **changes: Any):
-        self.names = robot, gains
-        self.robot: Robot = load_robot(robot)
-        self.curve = load_curve(curve)
-        self.tuning = replace(load_decision_tuning(tuning), **changes)
-        self.gains: ControlTuning = load_tuning(gains)
+    def __init__(self, **changes: Any):
+        self.robot: Robot = load_robot('gimball')
+        self.curve = load_curve('gimball_down')
+        self.tuning = replace(load_decision_tuning('decision_default'), **changes)
+        self.gains: ControlTuning = load_tuning('published')
         check_decision(self.robot, self.curve, self.tuning)
 
     def knowledge(self, approach: Approach) -> Knowledge:
@@ -165,9 +161,9 @@ def run_approach(approach: Approach, planner: str, nominal: NominalModel,
 
 
 class DecisionLog:
-    """Collects a line for each change of the decision, and lines at intervals between changes."""
+    """Collects a line for each change of the decision, and at intervals [s] between changes."""
 
-    def __init__(self, every: float = LOG_PERIOD):
+    def __init__(self, every: float):
         self.lines: List[str] = []
         self._every, self._due = every, 0.0
         self._last: Optional[Tuple[Any, ...]] = None
@@ -210,8 +206,8 @@ def _number(value: Optional[float]) -> str:
 
 
 def run_with_log(approach: Approach, planner: str, nominal: NominalModel,
-                 every: float = LOG_PERIOD) -> Tuple[List[str], Dict[str, Any]]:
-    """Run one approach; return lines with its decisions, reasons and outcome, and the row."""
+                 every: float) -> Tuple[List[str], Dict[str, Any]]:
+    """Run one approach; return lines with its decisions, see `DecisionLog`, and the row."""
     log = DecisionLog(every)
     row = run_approach(approach, planner, nominal, log.update)
     faces = '; '.join(f'{1e3 * height:+.1f} mm at {left:.3f} m' for left, _, _, height in

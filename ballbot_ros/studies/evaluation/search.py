@@ -13,10 +13,10 @@ from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.control.tuning import ControlTuning, load_tuning
+from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.errors import SimulationError
-from ballbot_ros.physics.model.robot import load_robot, Robot
+from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.uncertainty import draw
 from ballbot_ros.results.files import write_text
 from ballbot_ros.studies.evaluation.closed_loop import (
@@ -129,14 +129,13 @@ def set_robots(nominal: Robot) -> List[Robot]:
     return draw(nominal, ROBOTS, seed=0)
 
 
-def limit_of_most(robot: str, gains: str, run_up: float) -> float:
+def limit_of_most(nominal: Robot, tuning: ControlTuning, run_up: float) -> float:
     """
     Return the maximum step height that `ROBOTS_CROSSING` of `ROBOTS` drawn robots cross [m].
 
     All with the same manoeuvre, from rest at a run-up [m]; for each speed, only the best
-    manoeuvre of the nominal robot is tried.  Robot and tuning are names or files.
+    manoeuvre of the nominal robot is tried.
     """
-    nominal, tuning = load_robot(robot), load_tuning(gains)
     heights = {one: height_limit(nominal, nominal, tuning, run_up, (one,)) for one in MANOEUVRES}
     best = [max((one for one in MANOEUVRES if one.speed == speed), key=heights.__getitem__)
             for speed in sorted({one.speed for one in MANOEUVRES})]
@@ -144,27 +143,27 @@ def limit_of_most(robot: str, gains: str, run_up: float) -> float:
                       for drawn in set_robots(nominal))[ROBOTS - ROBOTS_CROSSING] for one in best)
 
 
-def limits_of_most(robot: str, gains: str, folder: Path, pool: Executor,
+def limits_of_most(nominal: Robot, tuning: ControlTuning, folder: Path, pool: Executor,
                    progress: Progress = ignore) -> Limits:
     """
     Return the limit of most by run-up; kept in a file of the folder.
 
     `progress` receives the number of finished run-ups, of `KNOTS`.
     """
-    path, key = folder / FILE, load_robot(robot).digest
+    path = folder / FILE
     try:
         known = json.loads(path.read_text(encoding='utf-8'))
-        if known['robot'] == key:
+        if known['robot'] == nominal.digest:
             return tuple((float(knot), float(limit)) for knot, limit in known['limits'])
     except (OSError, ValueError, KeyError, TypeError):
         pass
-    parts = [pool.submit(limit_of_most, robot, gains, knot) for knot in reversed(KNOTS)]
+    parts = [pool.submit(limit_of_most, nominal, tuning, knot) for knot in reversed(KNOTS)]
     found = []
     for part in parts:
         found.append(part.result())
         progress(len(found))
     limits = tuple(zip(KNOTS, reversed(found)))
-    write_text(json.dumps({'robot': key, 'limits': limits}), path)
+    write_text(json.dumps({'robot': nominal.digest, 'limits': limits}), path)
     return limits
 
 

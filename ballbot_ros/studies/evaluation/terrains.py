@@ -50,7 +50,6 @@ class Ground:
     foot: float  # start of the obstacle [m]
     goal: float  # the ball is over when its centre is beyond this [m]
     slope: float  # of the floor, positive uphill [rad]
-    sensors: str
 
     @property
     def shortest_floor(self) -> float:
@@ -235,5 +234,4 @@ def lay(kind: str, shape: Shape, foot: float, slope: float, back: Optional[float
     level[:, 1] += math.tan(slope) * level[:, 0]
     suffix = f', slope {math.degrees(slope):.1f} degrees' if slope else ''
     terrain = Terrain(level, np.full(len(level) - 1, friction))
-    return Ground(kind, shape.description + suffix, terrain, foot, foot + shape.goal, slope,
-                  shape.sensors)
+    return Ground(kind, shape.description + suffix, terrain, foot, foot + shape.goal, slope)

@@ -47,14 +47,10 @@ def test_from_rest_the_full_model_lies_between_torque_balance_and_energy():
     assert not crosses(grippy, 1e-3, 1.2 * bound, held_at(LEVEL))
 
 
-def test_slope_limits_are_those_of_laplante():
-    # M2 e / (M R) = 0.1336 gives 7.68 degrees; mu = 0.2 gives 11.31, and not 48.
+def test_the_slope_limit_is_that_of_laplante():
+    # M2 e / (M R) = 0.1336 gives 7.68 degrees.
     ball = replace(GIMBALL, pendulum_length=0.1336 * 5.4 * 0.226 / 1.6)
-    assert math.degrees(comparators.slope_limit(ball)) == pytest.approx(7.68, abs=0.005)
-    heavy = replace(GIMBALL, ball_mass=0.4, pendulum_mass=5.0, pendulum_length=0.2,
-                    surface_friction=0.2)
-    assert math.degrees(comparators.slope_limit(heavy)) == pytest.approx(11.31, abs=0.005)
-    assert math.degrees(comparators.slope_limit(heavy, with_friction=False)) > 50.0
+    assert math.degrees(ball.slope_limit) == pytest.approx(7.68, abs=0.005)
 
 
 def test_the_energy_height_of_a_solid_sphere_is_seven_tenths_of_v_squared_over_g():

@@ -31,7 +31,7 @@ def timeless(row):
 
 def an_approach(*vertices, goal=float('inf'), speed=0.4):
     """Return an approach on a terrain, with an ideal sensor."""
-    ground = Ground('', '', Terrain(vertices), 1.0, goal, 0.0, 'any')
+    ground = Ground('', '', Terrain(vertices), 1.0, goal, 0.0)
     return replace(draw_approach(NOMINAL.robot, NOMINAL.tuning, 0, 0), robot=NOMINAL.robot,
                    ground=ground, sensor=SensorModel(), speed=speed, room_behind=0.0)
 
@@ -219,6 +219,6 @@ def test_a_folder_with_results_of_another_evaluation_is_refused(tmp_path):
 
 
 def test_the_log_contains_the_terrain_and_the_outcome():
-    lines, row = run_with_log(SMALL.approach('drawn', 2), 'cubic', NOMINAL)
+    lines, row = run_with_log(SMALL.approach('drawn', 2), 'cubic', NOMINAL, 0.5)
     text = '\n'.join(lines)
     assert 'true faces' in text and row['outcome'] in text and 'approach 2 of seed 0' in text

@@ -133,8 +133,8 @@ def test_limits_are_stored_in_a_file_and_searched_once(tmp_path, monkeypatch):
     monkeypatch.setattr(search, 'limit_of_most',
                         lambda robot, gains, run_up: asked.append(run_up) or 0.1 * run_up)
     with ThreadPoolExecutor(1) as pool:
-        first = limits_of_most('gimball', 'published', tmp_path, pool, done.append)
-        again = limits_of_most('gimball', 'published', tmp_path, pool)
+        first = limits_of_most(GIMBALL, NOMINAL.gains, tmp_path, pool, done.append)
+        again = limits_of_most(GIMBALL, NOMINAL.gains, tmp_path, pool)
     assert first == again and len(asked) == len(first)
     assert done == list(range(1, len(first) + 1))
     assert dict(first)[0.5] == pytest.approx(0.05)
