@@ -23,7 +23,7 @@ from ballbot_ros import __version__
 from ballbot_ros.config.optional import load_optional
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.results.files import write_text
-from ballbot_ros.studies.progress import ignore, Progress
+from ballbot_ros.studies.progress import Progress
 
 QUEUED_PER_WORKER = 3  # blocks; results wait on disk, not in memory
 INDEX_FILE = 'blocks.json'
@@ -35,7 +35,7 @@ SOURCES = ('control', 'crossing', 'decision', 'floors', 'navigation', 'physics',
 def checkpointed_map(function: Callable[..., Any],
                      blocks: Mapping[str, Tuple[int, Tuple[Any, ...]]],
                      folder: Path, digest: str, pool: Executor, workers: int,
-                     write: Callable[[Any, Path], None], progress: Progress = ignore) -> int:
+                     write: Callable[[Any, Path], None], progress: Progress) -> int:
     """
     Call a function for each block whose file is missing, and write the file.
 
@@ -80,7 +80,7 @@ def checkpointed_map(function: Callable[..., Any],
 def checkpointed_rows(function: Callable[..., List[Any]],
                       blocks: Mapping[str, Tuple[int, Tuple[Any, ...]]],
                       folder: Path, digest: str, pool: Executor, workers: int,
-                      progress: Progress = ignore) -> List[Any]:
+                      progress: Progress) -> List[Any]:
     """Return the rows of all blocks, stored as JSON files; see `checkpointed_map`."""
     checkpointed_map(function, blocks, folder, digest, pool, workers,
                      lambda rows, path: write_text(json.dumps(rows), path), progress)
@@ -119,12 +119,12 @@ def _claim(folder: Path, digest: str) -> None:
 
 
 @contextmanager
-def worker_pool(workers: Optional[int] = None,
+def worker_pool(workers: Optional[int],
                 scheduler: Optional[str] = None) -> Iterator[Tuple[Executor, int]]:
     """
     Provide a pool of local processes or of a Dask cluster, and its number of workers.
 
-    By default, there is one local process per core; the address of a Dask scheduler, such as
+    None is one local process per core; the address of a Dask scheduler, such as
     ``tcp://host:8786``, selects a cluster instead.  Raises `ConfigurationError` if Dask is not
     installed, no scheduler answers, or it has no workers.
     """
