@@ -48,18 +48,19 @@ def run(arguments: argparse.Namespace) -> int:
         ('identify.json', *figure_files(['residuals'])), arguments.overwrite)
     with watched(FIT_COUNT, arguments.quiet or arguments.json, 'fitting:', 'fits') as progress:
         found = identify(scene, recording, arguments.estimate, arguments.recorded_torque, progress)
-    write_json(content_of(found), folder / 'identify.json')
+    content = content_of(found)
+    write_json(content, folder / 'identify.json')
     figure = residual_figure(
         {name: (recording.channels[name][0], values) for name, values in found.residuals.items()},
         found.channels, f'{scene.name}: simulated minus measured',
         command_of(arguments))
     files = ['identify.json', *save_figure(figure, folder, 'residuals')]
     if arguments.json:
-        print_json(content_of(found))
+        print_json(content)
     elif not arguments.quiet:
         print_table(found)
         print(f'\nWritten to {folder}: {", ".join(files)}')
-    warn(warnings_of(found))
+    warn(content['warnings'])
     poor = [name for name, item in found.channels.items() if item.verdict == 'poor']
     if poor:
         print_error(f'the model does not fit {", ".join(poor)}: no parameter is estimated; '

@@ -183,7 +183,9 @@ def write(found: Replayed, folder: Path, title: str, kind: str) -> list[str]:
 
 def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> Replayed:
     """Repeat the run, first by its commands, and report whether all states are identical."""
-    from ballbot_ros.bags.replay import rerun
+    import numpy as np
+
+    from ballbot_ros.bags.replay import differences, rerun
     from ballbot_ros.nodes.simulator.settings import plant_for
     from ballbot_ros.physics import load_scene
     from ballbot_ros.results.summary import plain
@@ -210,7 +212,10 @@ def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> 
              f'{settings.control_rate:g} Hz', *remarks]
     for item in found:
         lines += report_lines(item)
-    series, numbers = compared(best)
+    series = {name: (np.array(list(values)), np.array(list(values.values())),
+                     np.array([best.again[name][time] for time in values]))
+              for name, values in best.recorded.items() if len(values) > 1}
+    numbers = differences(series)
     if best.departure is not None and numbers:
         lines += ['', difference_table(numbers)]
     identical = best.departure is None and not best.ended
@@ -269,17 +274,6 @@ def report_lines(found: Any) -> list[str]:
     if found.ended:
         lines.append(f'ended early: {found.ended}')
     return lines
-
-
-def compared(found: Any) -> tuple[Any, list[Any]]:
-    """Return times, recorded and model of all channels, and their differences."""
-    import numpy as np
-
-    from ballbot_ros.bags.replay import differences
-    series = {name: (np.array(list(values)), np.array(list(values.values())),
-                     np.array([found.again[name][time] for time in values]))
-              for name, values in found.recorded.items() if len(values) > 1}
-    return series, differences(series)
 
 
 def replay_robot(arguments: argparse.Namespace, run: Any, metadata: Any) -> Replayed:

@@ -26,11 +26,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='namespace of the robot, among running nodes or in a bag')
     parser.add_argument('--robot', default='', metavar='NAME',
                         help='robot to draw, if neither the nodes nor the bag name one')
-    add_server(parser)
-    add_quiet(parser)
-
-
-def add_server(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--host', default=LOOPBACK, metavar='ADDRESS',
                         help='address to listen on; any other than the default exposes the page '
                         'and the controls to the network (default: %(default)s)')
@@ -40,6 +35,7 @@ def add_server(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--no-browser', action='store_true', help='open no browser')
     add_number(parser, '--duration', 'SECONDS', quantity(
         's', 'end after this time (default: at Ctrl-C)', above=0.0, optional=True))
+    add_quiet(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

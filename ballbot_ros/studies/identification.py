@@ -157,7 +157,8 @@ def judge(names: Sequence[str], units: Sequence[str], starts: Array, scales: Arr
 JACOBIAN_STEP = 1e-4   # relative, for the Jacobian
 STARTS, START_RANGE = 8, 0.5  # additional starts: number, and relative distance from the guess
 SAME_SOLUTION = 1e-3   # relative difference below which two solutions are the same
-FIT_COUNT = 1 + STARTS + 2  # from the guess, around it, and twice with the residuals' noise
+REFINEMENTS = 2  # fits from the best values, with the noise of the residuals
+FIT_COUNT = 1 + STARTS + REFINEMENTS
 FAILED_RESIDUAL = 1e3     # residual of each sample if a trial cannot be simulated [sigmas]
 
 
@@ -228,7 +229,7 @@ class _Search:
         # A parameter of 0 has no relative change: its changes are in its own unit.
         self.scales = np.where(self.starts != 0.0, np.abs(self.starts), 1.0)
         self.low, self.high = bounds(names, self.starts, self.scales)
-        self.runs, self.noise, self.others = 0, dict[str, float](), list[Any]()
+        self.runs, self.fits, self.noise, self.others = 0, 0, dict[str, float](), list[Any]()
         self.rough: Dict[str, float] = {}
         self.best: Array = np.zeros(len(names))
         self.least = math.inf
@@ -261,10 +262,13 @@ class _Search:
         return fun
 
     def fitted(self, start: Array) -> Any:
-        """Return the fit from one start."""
-        return least_squares(
+        """Return the fit from one start, and report it to `progress`."""
+        fit = least_squares(
             self.weighed, start, bounds=(self.low, self.high), x_scale='jac', jac='3-point',
             diff_step=JACOBIAN_STEP, max_nfev=100)
+        self.fits += 1
+        self.progress(self.fits)
+        return fit
 
     def start(self) -> None:
         """Estimate the noise; raises if the scene fails or a unit of the recording is wrong."""
@@ -283,14 +287,12 @@ class _Search:
         around = (2.0 * qmc.Sobol(len(self.names), seed=0).random(STARTS) - 1.0) * START_RANGE
         for start in (np.zeros(len(self.names)), *around):
             self.others.append(self.fitted(np.clip(start, self.low, self.high)))
-            self.progress(len(self.others))
 
     def refine(self) -> None:
         """Fit again from the best values, with the noise of the residuals."""
-        for done in (STARTS + 2, STARTS + 3):
+        for _ in range(REFINEMENTS):
             self.reweigh()
             self.fitted(self.best)
-            self.progress(done)
 
     def reweigh(self) -> None:
         """Estimate the noise from the residuals of the best values."""

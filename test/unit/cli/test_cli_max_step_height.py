@@ -80,15 +80,10 @@ def test_the_table_is_in_millimetres_and_shows_the_uncertainty(capsys):
     (['--speed', '1', '--clearance', '0.5'], 'inconsistent', '--clearance'),
     (['--speed', '1', '--over', 'clear', '--clearance', '0'], 'out_of_range', 'clearance'),
     (['--speed', '1', '--robot', 'gimbal'], 'unknown_name', 'robot'),
+    (['--speed', '1', '--robot', 'shellball', '--actuation', 'held'], 'missing', 'law'),
+    (['--speed', '3', '--actuation', 'voltage'], 'out_of_range', 'voltage'),
     ([], 'usage', '--speed')])
 def test_an_invalid_option_is_refused(refuses, words, reason, field):
-    refuses(reason, field, 'max-step-height', *words)
-
-
-@pytest.mark.parametrize('words, reason, field', [
-    (['--speed', '1', '--robot', 'shellball', '--actuation', 'held'], 'missing', 'law'),
-    (['--speed', '3', '--actuation', 'voltage'], 'out_of_range', 'voltage')])
-def test_an_unsuitable_robot_is_refused(refuses, words, reason, field):
     refuses(reason, field, 'max-step-height', *words)
 
 
