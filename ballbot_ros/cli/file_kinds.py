@@ -76,13 +76,11 @@ terrain:
 
 def scene_file(name: str, robot: str = 'gimball') -> list[Section]:
     parts = ('robot_changes', 'terrain', 'initial', 'actuation', 'solver', 'contact')
-    top = {key: {**metadata, **({'default': 1e-3} if key == 'output_step' else {})}
-           for key, metadata in described(SceneFile, parts).items()}
-    top = {key: top[key] for key in ('robot', *(key for key in top if key != 'robot'))}
+    top = described(SceneFile, parts)
     doc = {key: metadata['doc'] for key, metadata in described(SceneFile).items()}
     people = {key: item.metadata for key, item in HUMAN.items()}
     return [
-        Section('', top, '', {'robot': robot, 'duration': 4.0}),
+        Section('', {'robot': top['robot'], **top}, '', {'robot': robot, 'duration': 4.0}),
         Section('terrain', {}, doc['terrain'], {}, TERRAIN),
         Section('initial', described(Initial), doc['initial'], {'x': 0.3, 'speed': 0.8}),
         Section('actuation', {**described(Actuation, NOT_FOR_PEOPLE), **people}, doc['actuation'],

@@ -253,12 +253,10 @@ def write_all(trajectory: Any, summary: Any, folder: Path,
     write_text(summary.to_json() + '\n', folder / 'summary.json')
     write_csv(trajectory, folder / 'trajectory.csv')
     write_npz(trajectory, folder / 'trajectory.npz')
-    names: tuple[str, ...] = NUMBERS
-    if find_spec('pyarrow') is None:
-        names = NUMBERS[:-1]
-    else:
-        write_parquet(trajectory, folder / NUMBERS[-1])
-    files = [folder / name for name in names]
+    files = [folder / name for name in NUMBERS[:-1]]
+    if find_spec('pyarrow') is not None:
+        files.append(folder / NUMBERS[-1])
+        write_parquet(trajectory, files[-1])
     if arguments.no_figures:
         return files
     from ballbot_ros.figures.run import strip, time_series

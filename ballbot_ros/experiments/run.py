@@ -17,6 +17,7 @@ from ballbot_ros import __version__
 from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
 from ballbot_ros.bags.opener import open_bag
 from ballbot_ros.bags.recorded_run import read_run, recorded_trajectory, stamp_of
+from ballbot_ros.config.optional import load_optional
 from ballbot_ros.errors import ConfigurationError, RefusedError
 from ballbot_ros.experiments.file import Experiment, FILE, freeze, load_experiment, node_parameters
 from ballbot_ros.physics import load_scene, Scene
@@ -38,10 +39,6 @@ def run_experiment(target: str, out: Optional[Path], quiet: bool, timeout: float
     seed [s].  Raises `ConfigurationError` if the file is invalid, or the folder contains another
     experiment.
     """
-    if not 0.0 < timeout < float('inf'):
-        raise ConfigurationError(
-            f'--timeout must be more than 0 s and finite, got {timeout!r}',
-            'out_of_range', '--timeout')
     say = (lambda *_: None) if quiet else partial(print, flush=True)
     path = Path(target)
     if path.is_dir():
@@ -102,16 +99,12 @@ def _run_missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> bo
 
 
 def _prepare(plan: Experiment) -> None:
-    """Compile the kernels before timeouts start."""
-    try:
-        from ballbot_ros.demo.prepare import prepare
-        import ballbot_ros.experiments.lockstep  # noqa: F401
-    except ImportError as error:
-        raise ConfigurationError(
-            f'an experiment needs ROS 2, and {error.name or error} cannot be imported; source '
-            '/opt/ros/jazzy/setup.bash, or use the .venv of a checkout (make setup)',
-            'not_installed', 'ROS') from error
+    """Compile the kernels before timeouts start; raise `ConfigurationError` without ROS."""
+    load_optional(
+        'ballbot_ros.experiments.lockstep', 'ROS', 'source /opt/ros/jazzy/setup.bash, or use the '
+        '.venv of a checkout (make setup)', 'an experiment')
     if 'obstacle_decision' in plan.nodes:  # the other nodes start quickly
+        from ballbot_ros.demo.prepare import prepare
         prepare(('simulator', 'controller', 'decision'))
 
 
