@@ -16,7 +16,7 @@ from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.studies.evaluation.approaches import draw_robot
 from ballbot_ros.studies.evaluation.closed_loop import balanced_angle, ClosedLoop, PERIOD
-from ballbot_ros.studies.evaluation.run import NominalModel
+from ballbot_ros.studies.evaluation.run import nominal_knowledge
 
 SLOPE_MAX = math.radians(3.0)  # [rad]
 SPEEDS = (0.05, 1.1)          # before the stop [m/s]
@@ -35,7 +35,7 @@ class RandomStop:
     rolled: float  # stopping distance of the full model [m]
 
 
-def random_stop(nominal: NominalModel, seed: int, number: int) -> RandomStop:
+def random_stop(nominal: Knowledge, seed: int, number: int) -> RandomStop:
     """
     Return stop `number` of a seed, with random robot, friction, slope and speed.
 
@@ -48,9 +48,9 @@ def random_stop(nominal: NominalModel, seed: int, number: int) -> RandomStop:
     length = 50.0
     terrain = Terrain([(-length, -length * math.tan(slope)), (length, length * math.tan(slope))],
                       np.array([robot.surface_friction]))
-    loop = ClosedLoop(robot, terrain, nominal.robot, nominal.gains, speed,
+    loop = ClosedLoop(robot, terrain, nominal.robot, nominal.control, speed,
                       balanced_angle(robot, slope))
-    pilot = Pilot(Knowledge(nominal.robot, nominal.curve, nominal.tuning, nominal.gains))
+    pilot = Pilot(nominal)
     going = Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, speed, '')
     stopping = Decision(Kind.STOP, Reason.TOO_FAST, 0.0, '', plan=Plan(Strategy.STOP))
     for decision, longest in (going, ROLLING), (stopping, STOP_TIME_MAX):
@@ -64,14 +64,14 @@ def random_stop(nominal: NominalModel, seed: int, number: int) -> RandomStop:
             motion = Motion(loop.time, state.x, state.velocity_x, state.pendulum_angle,
                             slope=slope)
             loop.advance(pilot.angle(decision, motion), PERIODS)
-    braking = Braking(nominal.robot, nominal.tuning, nominal.gains)
+    braking = Braking(nominal.robot, nominal.tuning, nominal.control)
     return RandomStop(speed, slope, braking.distance(speed, slope, emergency=True),
                       farthest - begin)
 
 
 def main(count=10_000, seed=0):
     """Print the margins of the predicted distance."""
-    nominal = NominalModel()
+    nominal = nominal_knowledge()
     stops = [random_stop(nominal, seed, number) for number in range(count)]
     spare = np.array([stop.predicted - stop.rolled for stop in stops])
     print(f'{count} random stops, seed {seed}: {np.sum(spare < 0.0)} longer than predicted')

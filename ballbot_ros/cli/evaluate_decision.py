@@ -80,7 +80,7 @@ def with_limits(arguments: argparse.Namespace, evaluation: Any, pool: Any) -> An
                  'run-ups', keeps=False) as progress:
         nominal = evaluation.nominal()
         return replace(evaluation, limits=limits_of_most(
-            nominal.robot, nominal.gains, arguments.out, pool, progress))
+            nominal.robot, nominal.control, arguments.out, pool, progress))
 
 
 def print_one(arguments: argparse.Namespace, evaluation: Any) -> None:

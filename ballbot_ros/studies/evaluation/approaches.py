@@ -10,10 +10,9 @@ from typing import Optional, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.control import load_tuning
 from ballbot_ros.crossing.rules import touch_distance
+from ballbot_ros.decision import Knowledge
 from ballbot_ros.decision.planning.braking import Braking
-from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.physics.model.robot import Robot, with_parameters
 from ballbot_ros.physics.model.uncertainty import changed, independent, uncertain
 from ballbot_ros.studies.evaluation.search import limit_at, set_robots
@@ -63,8 +62,8 @@ def draw_robot(robot: Robot, random: np.random.Generator) -> Robot:
         'edge_friction': float(robot.edge_friction * random.uniform(0.6, 1.3))})
 
 
-def draw_approach(nominal: Robot, tuning: DecisionTuning, seed: int, number: int,
-                  kind: Optional[str] = None, sensor: Optional[str] = None) -> Approach:
+def draw_approach(nominal: Knowledge, seed: int, number: int, kind: Optional[str] = None,
+                  sensor: Optional[str] = None) -> Approach:
     """
     Return approach `number` of a seed, on a kind of `terrains.KINDS`, with one of `sensors.KINDS`.
 
@@ -74,7 +73,7 @@ def draw_approach(nominal: Robot, tuning: DecisionTuning, seed: int, number: int
     room = UNSEEN_ROOM if random.random() < 0.5 else 0.0
     name, shape = draw_shape(random, room, kind)
     random = np.random.default_rng([seed, number, 1])
-    robot = draw_robot(nominal, random)
+    robot = draw_robot(nominal.robot, random)
     model = draw_sensor(random, shape.sensors, sensor)
     slope = float(random.uniform(-SLOPE_MAX, SLOPE_MAX)) if random.random() < 0.6 else 0.0
     if shape.slope is not None:
@@ -83,15 +82,16 @@ def draw_approach(nominal: Robot, tuning: DecisionTuning, seed: int, number: int
     # No approach starts where the ball can no longer stop.
     grip = 0.8 * robot.surface_friction
     slope = max(slope, -math.atan(grip) + 0.01)
-    braking = Braking(nominal, tuning, load_tuning('published'))
+    braking = Braking(nominal.robot, nominal.tuning, nominal.control)
     slide = speed**2 / (2.0 * robot.gravity * (grip + math.tan(min(0.0, slope))))
     before = (speed * (model.faults.latency + model.reordering)
               + max(slide, braking.distance(speed, min(0.0, slope), emergency=True))
               + float(random.uniform(0.2, 2.2)))
     behind = round(float(random.uniform(0.3, 1.5)), 2) if random.random() < 0.5 else 0.0
     # The floor behind the start ends exactly where room_behind ends, or is long.
-    back = max(behind, nominal.ball_radius) if random.random() < 0.5 else None
-    foot = round(nominal.ball_radius + before, 4)
+    radius = nominal.robot.ball_radius
+    back = max(behind, radius) if random.random() < 0.5 else None
+    foot = round(radius + before, 4)
     ground = lay(name, shape, foot, slope, back, robot.surface_friction)
     return Approach(seed, number, robot, ground, model, speed, behind,
                     room if ground.shortest_floor >= room - 1e-6 else 0.0)

@@ -6,15 +6,15 @@ Results are stored in blocks of JSON files, see `parallel_map`.
 """
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
-from functools import lru_cache
 import hashlib
 import math
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
 
 from ballbot_ros.crossing.rules import touch_distance
+from ballbot_ros.decision import Knowledge
 from ballbot_ros.studies.evaluation.approaches import Approach, crossable_approach, draw_approach
-from ballbot_ros.studies.evaluation.run import heading, NominalModel, run_approach
+from ballbot_ros.studies.evaluation.run import heading, nominal_knowledge, run_approach
 from ballbot_ros.studies.evaluation.search import (
     best_start, height_limit, Manoeuvre, MANOEUVRES, possible)
 from ballbot_ros.studies.evaluation.terrains import true_faces
@@ -61,26 +61,18 @@ class Evaluation:
         same = {name: value for name, value in asdict(self).items()
                 if name not in ('parts', 'limits', 'searched')}
         nominal = self.nominal()
-        known = (nominal.robot.digest, nominal.curve, nominal.tuning, nominal.gains)
+        known = (nominal.robot.digest, nominal.curve, nominal.tuning, nominal.control)
         return hashlib.sha256(repr((source_digest(), known, same)).encode()).hexdigest()[:16]
 
-    def nominal(self) -> NominalModel:
+    def nominal(self) -> Knowledge:
         """Return the assumptions of the decision."""
-        return _nominal(self.required_probability)
+        return nominal_knowledge(self.required_probability)
 
     def approach(self, group: str, number: int) -> Approach:
         nominal = self.nominal()
         if group == 'crossable':
             return crossable_approach(nominal.robot, self.limits, self.seed, number)
-        return draw_approach(nominal.robot, nominal.tuning, self.seed, number, self.kind,
-                             self.sensor)
-
-
-@lru_cache(maxsize=4)
-def _nominal(required_probability: Optional[float]) -> NominalModel:
-    changes: Dict[str, Any] = {} if required_probability is None else {
-        'required_probability': required_probability}
-    return NominalModel(**changes)
+        return draw_approach(nominal, self.seed, number, self.kind, self.sensor)
 
 
 def run_block(evaluation: Evaluation, planner: str, group: str, first: int, stop: int,
@@ -104,7 +96,7 @@ def _run(evaluation: Evaluation, planner: str, group: str, number: int, search: 
     known = approach.unseen_room > 0.0 or approach.sensor.kind != 'step'
     if row['crossable'] and known and row['kind'] not in ('nothing', 'crossable'):
         row['possible'] = row['outcome'] == 'over' or possible(
-            approach.robot, approach.ground, approach.room_behind, nominal.robot, nominal.gains)
+            approach.robot, approach.ground, approach.room_behind, nominal.robot, nominal.control)
     if row['kind'] in ('step', 'crossable'):
         for attempt in row['attempts']:
             attempt['true_margin'] = true_margin(approach, attempt, nominal)
@@ -113,16 +105,16 @@ def _run(evaluation: Evaluation, planner: str, group: str, number: int, search: 
     return row
 
 
-def refused_margin(approach: Approach, nominal: NominalModel) -> float:
+def refused_margin(approach: Approach, nominal: Knowledge) -> float:
     """Return the maximum step height of the true robot minus that of the refused step [m]."""
     height = true_faces(approach.ground.terrain)[-1][3]
     touch = approach.ground.foot - touch_distance(approach.robot.ball_radius, height)
     run_up = min(max(touch - best_start(approach.room_behind), RUN_UPS[0]), RUN_UPS[1])
-    return height_limit(approach.robot, nominal.robot, nominal.gains, run_up, MANOEUVRES,
+    return height_limit(approach.robot, nominal.robot, nominal.control, run_up, MANOEUVRES,
                         approach.ground.slope, trial=height) - height
 
 
-def true_margin(approach: Approach, attempt: Dict[str, Any], nominal: NominalModel) -> float:
+def true_margin(approach: Approach, attempt: Dict[str, Any], nominal: Knowledge) -> float:
     """Return the maximum step height of the true robot with a plan minus that of its step [m]."""
     robot, slope = approach.robot, approach.ground.slope
     face: float = attempt['face']
@@ -133,7 +125,7 @@ def true_margin(approach: Approach, attempt: Dict[str, Any], nominal: NominalMod
     speed = max(float(attempt['swing_speed']), SLOWEST)
     run_up = RUN_UPS[1] if start is None else min(max(touch - start, RUN_UPS[0]), RUN_UPS[1])
     lead = -1.0 if swing is None else max(0.0, (touch - swing) / speed)
-    return height_limit(robot, nominal.robot, nominal.gains, run_up,
+    return height_limit(robot, nominal.robot, nominal.control, run_up,
                         (Manoeuvre(speed, lead, angle),), slope, math.inf, height) - height
 
 

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """One approach in closed loop, with the decision as the node ``obstacle_decision`` uses it."""
 from dataclasses import replace
+from functools import lru_cache
 import math
 from time import thread_time
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
-from ballbot_ros.control.tuning import ControlTuning, load_tuning
 from ballbot_ros.decision import (
     check_decision, Decider, Decision, Kind, Knowledge, load_curve, load_decision_tuning, Motion)
 from ballbot_ros.decision.values import REST_SPEED_MAX
 from ballbot_ros.errors import SimulationError
-from ballbot_ros.physics.model.robot import load_robot, Robot
+from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.studies.evaluation.approaches import Approach
 from ballbot_ros.studies.evaluation.baselines import BASELINES
@@ -30,25 +30,19 @@ ARRIVED = 0.05  # largest distance from the start of the run-up after arrival th
 Listener = Callable[[float, State, Decision, float, Decider], None]
 
 
-class NominalModel:
+@lru_cache(maxsize=4)
+def nominal_knowledge(required_probability: Optional[float] = None) -> Knowledge:
     """
-    Assumptions of the decision: the nominal robot, curve and tunings, loaded and checked.
+    Return the assumptions of the decision: the nominal robot, curve and tunings.
 
-    `changes` are other values of the decision tuning.
+    The required probability, if given, replaces that of the decision tuning.
     """
-
-    def __init__(self, **changes: Any):
-        self.robot: Robot = load_robot('gimball')
-        self.curve = load_curve('gimball_down')
-        self.tuning = replace(load_decision_tuning('decision_default'), **changes)
-        self.gains: ControlTuning = load_tuning('published')
-        check_decision(self.robot, self.curve, self.tuning)
-
-    def knowledge(self, approach: Approach) -> Knowledge:
-        """Return the inputs of the decision for an approach."""
-        tuning = replace(self.tuning, room_behind=approach.room_behind,
-                         unseen_room=approach.unseen_room)
-        return Knowledge(self.robot, self.curve, tuning, self.gains, approach.number)
+    tuning = load_decision_tuning('decision_default')
+    if required_probability is not None:
+        tuning = replace(tuning, required_probability=required_probability)
+    known = Knowledge(load_robot('gimball'), load_curve('gimball_down'), tuning)
+    check_decision(known.robot, known.curve, known.tuning)
+    return known
 
 
 class DecisionChanges:
@@ -109,7 +103,7 @@ def heading(approach: Approach, planner: str) -> Dict[str, Any]:
             'room_behind': approach.room_behind, 'unseen_room': approach.unseen_room}
 
 
-def run_approach(approach: Approach, planner: str, nominal: NominalModel,
+def run_approach(approach: Approach, planner: str, nominal: Knowledge,
                  listener: Optional[Listener] = None) -> Dict[str, Any]:
     """
     Run an approach to its end, and return a row of the report, of JSON values.
@@ -117,9 +111,10 @@ def run_approach(approach: Approach, planner: str, nominal: NominalModel,
     The listener is called with each decision.
     """
     ground = approach.ground
-    loop = ClosedLoop(approach.robot, ground.terrain, nominal.robot, nominal.gains,
+    loop = ClosedLoop(approach.robot, ground.terrain, nominal.robot, nominal.control,
                       approach.speed, balanced_angle(approach.robot, ground.slope))
-    knowledge = nominal.knowledge(approach)
+    knowledge = replace(nominal, seed=approach.number, tuning=replace(
+        nominal.tuning, room_behind=approach.room_behind, unseen_room=approach.unseen_room))
     decider = Decider(knowledge, BASELINES.get(planner, planner))
     sensor = SimulatedSensor(ground.terrain, approach.sensor, approach.number)
     monitor = OutcomeMonitor(approach, loop, knowledge.tuning)
@@ -205,7 +200,7 @@ def _number(value: Optional[float]) -> str:
     return '-' if value is None else f'{value:.3f}'
 
 
-def run_with_log(approach: Approach, planner: str, nominal: NominalModel,
+def run_with_log(approach: Approach, planner: str, nominal: Knowledge,
                  every: float) -> Tuple[List[str], Dict[str, Any]]:
     """Run one approach; return lines with its decisions, see `DecisionLog`, and the row."""
     log = DecisionLog(every)

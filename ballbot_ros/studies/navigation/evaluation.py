@@ -16,12 +16,11 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.errors import RefusedError, SimulationError
 from ballbot_ros.floors.floor import inside
 from ballbot_ros.navigation import Capability, CrossingPlan, RoutePlanner
 from ballbot_ros.navigation.execution import Navigator
-from ballbot_ros.physics import load_robot
+from ballbot_ros.studies.evaluation.run import nominal_knowledge
 from ballbot_ros.studies.navigation.closed_loop import FloorLoop
 from ballbot_ros.studies.navigation.houses import draw_house, House
 from ballbot_ros.studies.parallel_map import checkpointed_rows, source_digest
@@ -42,7 +41,7 @@ class _Fixed(Capability):
     """Offers the same crossings for each step."""
 
     def __init__(self, *offered: CrossingPlan):
-        super().__init__(knowledge())
+        super().__init__(nominal_knowledge())
         self._offered = offered
 
     def crossing(self, faces: Sequence[Tuple[float, float]], height_sd: float, run_up: float,
@@ -51,15 +50,8 @@ class _Fixed(Capability):
 
 
 @lru_cache(maxsize=1)
-def knowledge() -> Knowledge:
-    """Return the assumptions of planner and decision: the nominal robot."""
-    return Knowledge(load_robot('gimball'), load_curve('gimball_down'),
-                     load_decision_tuning('decision_default'))
-
-
-@lru_cache(maxsize=1)
 def _capabilities() -> Dict[str, Capability]:
-    return {'run_up': Capability(knowledge()), 'wall': _Fixed(),
+    return {'run_up': Capability(nominal_knowledge()), 'wall': _Fixed(),
             'free': _Fixed(CrossingPlan(0.2, 0.4, 1.0, 2.0))}
 
 
@@ -77,14 +69,14 @@ class NavigationEvaluation:
     @property
     def digest(self) -> str:
         """Return a digest of all inputs of the rows, except their numbers."""
-        known = source_digest(), self.seed, knowledge().robot.digest
+        known = source_digest(), self.seed, nominal_knowledge().robot.digest
         return hashlib.sha256(repr(known).encode()).hexdigest()[:16]
 
 
 def run_block(evaluation: NavigationEvaluation, planner: str, first: int, stop: int
               ) -> List[Row]:
     """Drive to a range of goals."""
-    return [drive(draw_house(knowledge().robot, evaluation.seed, number), planner)
+    return [drive(draw_house(nominal_knowledge().robot, evaluation.seed, number), planner)
             for number in range(first, stop)]
 
 
@@ -93,7 +85,7 @@ def drive(house: House, planner: str) -> Row:
     begin = thread_time()
     row: Row = {'number': house.number, 'planner': planner, 'hit': 0.0, 'fell': False,
                 'failure': '', 'time': math.nan, 'expected': None, 'crossings': 0, 'replans': 0}
-    known = knowledge()
+    known = nominal_knowledge()
     try:
         row['expected'] = RoutePlanner(
             house.truth, known, capability=_capabilities()['run_up']).route(

@@ -6,11 +6,11 @@ import pytest
 from tiers import pairs, slow
 
 from ballbot_ros.studies.evaluation.approaches import Approach, draw_approach
-from ballbot_ros.studies.evaluation.run import NominalModel, run_approach
+from ballbot_ros.studies.evaluation.run import nominal_knowledge, run_approach
 from ballbot_ros.studies.evaluation.sensors import SensorModel
 from ballbot_ros.studies.evaluation.terrains import lay, Shape
 
-NOMINAL = NominalModel()
+NOMINAL = nominal_knowledge()
 DROP, WALL = ((0.0, -0.12),), ((0.0, 0.3),)
 
 
@@ -72,7 +72,7 @@ def test_with_a_step_sensor_no_bump_before_unobserved_ground_is_crossed(distance
     362])   # late behind an edge: the least harmful plan was kept when braking was possible again
 def test_sampled_approaches_that_ended_in_a_fall_or_a_hit_are_safe(number):
     row = run_approach(
-        draw_approach(NOMINAL.robot, NOMINAL.tuning, 11, number), 'rollout', NOMINAL)
+        draw_approach(NOMINAL, 11, number), 'rollout', NOMINAL)
     assert row['outcome'] in ('stopped', 'over') and row['changes'] <= 2
 
 

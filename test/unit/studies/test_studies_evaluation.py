@@ -15,11 +15,11 @@ from ballbot_ros.studies.evaluation.approaches import draw_approach, UNSEEN_ROOM
 from ballbot_ros.studies.evaluation.closed_loop import ClosedLoop
 from ballbot_ros.studies.evaluation.evaluation import Evaluation, FOLDER, run_evaluation
 from ballbot_ros.studies.evaluation.outcome import OutcomeMonitor
-from ballbot_ros.studies.evaluation.run import NominalModel, run_with_log
+from ballbot_ros.studies.evaluation.run import nominal_knowledge, run_with_log
 from ballbot_ros.studies.evaluation.sensors import Camera, SensorModel, SimulatedSensor
 from ballbot_ros.studies.evaluation.terrains import Ground, KINDS, true_faces
 
-NOMINAL = NominalModel()
+NOMINAL = nominal_knowledge()
 SMALL = Evaluation((('cubic', 'drawn', 12),), sensor='step', kind='step')
 
 
@@ -32,13 +32,13 @@ def timeless(row):
 def an_approach(*vertices, goal=float('inf'), speed=0.4):
     """Return an approach on a terrain, with an ideal sensor."""
     ground = Ground('', '', Terrain(vertices), 1.0, goal, 0.0)
-    return replace(draw_approach(NOMINAL.robot, NOMINAL.tuning, 0, 0), robot=NOMINAL.robot,
+    return replace(draw_approach(NOMINAL, 0, 0), robot=NOMINAL.robot,
                    ground=ground, sensor=SensorModel(), speed=speed, room_behind=0.0)
 
 
 def judged(approach, kind, angle=0.0, distance=1.0, limit=8.0):
     """Return the verdict on a ball that rolls with a constant decision."""
-    loop = ClosedLoop(approach.robot, approach.ground.terrain, NOMINAL.robot, NOMINAL.gains,
+    loop = ClosedLoop(approach.robot, approach.ground.terrain, NOMINAL.robot, NOMINAL.control,
                       approach.speed, 0.0)
     monitor = OutcomeMonitor(approach, loop, NOMINAL.tuning)
     while loop.time < limit:
@@ -55,9 +55,9 @@ def judged(approach, kind, angle=0.0, distance=1.0, limit=8.0):
 @pytest.mark.parametrize('kind', KINDS)
 def test_the_ball_can_roll_on_and_observe_each_kind_of_ground(kind):
     for number in range(5):
-        approach = draw_approach(NOMINAL.robot, NOMINAL.tuning, 1, number, kind)
+        approach = draw_approach(NOMINAL, 1, number, kind)
         ground = approach.ground
-        loop = ClosedLoop(approach.robot, ground.terrain, NOMINAL.robot, NOMINAL.gains,
+        loop = ClosedLoop(approach.robot, ground.terrain, NOMINAL.robot, NOMINAL.control,
                           approach.speed, 0.0)
         loop.advance(0.1, 10)
         assert -0.1 < loop.state.x < 0.1
@@ -69,10 +69,10 @@ def test_the_ball_can_roll_on_and_observe_each_kind_of_ground(kind):
 
 
 def test_an_approach_depends_only_on_its_seed_and_number():
-    one = draw_approach(NOMINAL.robot, NOMINAL.tuning, 3, 7)
-    draw_approach(NOMINAL.robot, NOMINAL.tuning, 3, 8)
-    again = draw_approach(NOMINAL.robot, NOMINAL.tuning, 3, 7)
-    other = draw_approach(NOMINAL.robot, NOMINAL.tuning, 4, 7)
+    one = draw_approach(NOMINAL, 3, 7)
+    draw_approach(NOMINAL, 3, 8)
+    again = draw_approach(NOMINAL, 3, 7)
+    other = draw_approach(NOMINAL, 4, 7)
     assert (one.description, one.robot, one.sensor) == (
         again.description, again.robot, again.sensor)
     assert one.robot != other.robot
@@ -142,7 +142,7 @@ def test_crossing_a_step_down_is_an_attempt():
 def test_granted_floor_exists_and_the_floor_behind_ends_at_the_stated_distance():
     granted = exact = 0
     for number in range(60):
-        approach = draw_approach(NOMINAL.robot, NOMINAL.tuning, 2, number)
+        approach = draw_approach(NOMINAL, 2, number)
         ahead = [face for face in true_faces(approach.ground.terrain) if face[0] > 0.0]
         for before, after in zip(ahead, ahead[1:]):
             assert after[0] - before[0] - before[2] >= approach.unseen_room - 1e-6

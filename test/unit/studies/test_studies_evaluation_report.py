@@ -18,12 +18,12 @@ from ballbot_ros.studies.evaluation.evaluation import Evaluation, run_evaluation
 from ballbot_ros.studies.evaluation.page import page, summary
 from ballbot_ros.studies.evaluation.report import (
     interval, margin_correlation, report, success, targets)
-from ballbot_ros.studies.evaluation.run import NominalModel
+from ballbot_ros.studies.evaluation.run import nominal_knowledge
 from ballbot_ros.studies.evaluation.search import (
     gets_over, height_limit, limit_at, limits_of_most, Manoeuvre)
 
 GIMBALL = load_robot('gimball')
-NOMINAL = NominalModel()
+NOMINAL = nominal_knowledge()
 LIMITS = ((0.1, 0.01), (1.0, 0.05), (2.0, 0.04))
 
 
@@ -133,22 +133,22 @@ def test_limits_are_stored_in_a_file_and_searched_once(tmp_path, monkeypatch):
     monkeypatch.setattr(search, 'limit_of_most',
                         lambda robot, gains, run_up: asked.append(run_up) or 0.1 * run_up)
     with ThreadPoolExecutor(1) as pool:
-        first = limits_of_most(GIMBALL, NOMINAL.gains, tmp_path, pool, done.append)
-        again = limits_of_most(GIMBALL, NOMINAL.gains, tmp_path, pool)
+        first = limits_of_most(GIMBALL, NOMINAL.control, tmp_path, pool, done.append)
+        again = limits_of_most(GIMBALL, NOMINAL.control, tmp_path, pool)
     assert first == again and len(asked) == len(first)
     assert done == list(range(1, len(first) + 1))
     assert dict(first)[0.5] == pytest.approx(0.05)
 
 
 def test_a_swing_crosses_higher_steps_than_a_hanging_pendulum():
-    hanging = height_limit(GIMBALL, GIMBALL, NOMINAL.gains, 0.5,
+    hanging = height_limit(GIMBALL, GIMBALL, NOMINAL.control, 0.5,
                            [Manoeuvre(0.5, -1.0, 0.0)])
-    swinging = height_limit(GIMBALL, GIMBALL, NOMINAL.gains, 0.5,
+    swinging = height_limit(GIMBALL, GIMBALL, NOMINAL.control, 0.5,
                             [Manoeuvre(0.5, 0.3, 1.57)])
     # The curve of the hanging pendulum gives 14 mm at 0.5 m/s; here the speed is controlled.
     assert 0.013 < hanging < 0.02 and swinging > hanging + 0.01
 
 
 def test_a_manoeuvre_that_touches_too_fast_does_not_cross():
-    loop = ClosedLoop(GIMBALL, Terrain.step(0.02, 1.0), GIMBALL, NOMINAL.gains, 1.3, 0.0)
+    loop = ClosedLoop(GIMBALL, Terrain.step(0.02, 1.0), GIMBALL, NOMINAL.control, 1.3, 0.0)
     assert not gets_over(loop, Manoeuvre(1.3, -1.0, 0.0), 0.9, 1.1, 0.0)

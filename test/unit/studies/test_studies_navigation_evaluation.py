@@ -6,15 +6,16 @@ import math
 import numpy as np
 import pytest
 
+from ballbot_ros.studies.evaluation.run import nominal_knowledge
 from ballbot_ros.studies.navigation import evaluation
 from ballbot_ros.studies.navigation.evaluation import (
-    drive, knowledge, NavigationEvaluation, report, run_evaluation)
+    drive, NavigationEvaluation, report, run_evaluation)
 from ballbot_ros.studies.navigation.houses import draw_house
 
 
 @pytest.mark.parametrize('number', range(12))
 def test_houses_are_reproducible_and_start_and_goal_are_free(number):
-    one, two = (draw_house(knowledge().robot, 4, number) for _ in range(2))
+    one, two = (draw_house(nominal_knowledge().robot, 4, number) for _ in range(2))
     assert (one.truth.cells == two.truth.cells).all() and one.start == two.start
     assert one.truth.features == two.truth.features and one.map.features == two.map.features
     for x, y in (one.start[:2], one.goal):
@@ -27,7 +28,7 @@ def test_houses_are_reproducible_and_start_and_goal_are_free(number):
 
 def test_maps_deviate_from_the_true_heights():
     pairs = [(true.height, known.height) for number in range(30)
-             for house in [draw_house(knowledge().robot, 1, number)]
+             for house in [draw_house(nominal_knowledge().robot, 1, number)]
              for true, known in zip(house.truth.features, house.map.features)]
     errors = np.diff(np.array(pairs), axis=1)
     assert 0.001 < np.median(np.abs(errors)) < 0.003 and np.abs(errors).max() > 0.008
@@ -65,6 +66,6 @@ def test_an_interrupted_evaluation_resumes(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_a_drive_returns_a_row_of_results():
-    found = drive(draw_house(knowledge().robot, 5, 3), 'run_up')
+    found = drive(draw_house(nominal_knowledge().robot, 5, 3), 'run_up')
     assert found['outcome'] == 'succeeded' and found['hit'] < 0.1 and not found['fell']
     assert math.isfinite(found['time']) and found['away'] < 0.3
