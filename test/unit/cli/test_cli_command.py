@@ -39,7 +39,7 @@ def test_every_verb_has_help(capsys, verb):
 
 
 @pytest.mark.parametrize('verb', sorted(VERBS))
-def test_the_help_of_each_option_is_a_complete_phrase(verb):
+def test_options_in_degrees_have_the_unit_in_their_names_and_each_help_is_complete(verb):
     """A user may read only one line of the help: "of the robot" would be incomplete."""
     parser = argparse.ArgumentParser()
     load_verb(verb).add_arguments(parser)
@@ -50,6 +50,8 @@ def test_the_help_of_each_option_is_a_complete_phrase(verb):
                                 'at', 'as', 'before', 'after', 'so'), action.help
         assert action.choices or action.nargs in (0, argparse.REMAINDER) or action.metavar, (
             f'{verb}: what does {action.option_strings} take?')
+        assert {'--angle', '--slope', '--slopes'}.isdisjoint(action.option_strings)
+        assert action.metavar != 'DEGREES' or action.option_strings[-1].endswith('-deg')
 
 
 @pytest.mark.parametrize('options, said', [([], 1), (['--quiet'], 0)])

@@ -6,7 +6,6 @@ import pytest
 from refusals import refused
 
 from ballbot_ros.cli import main
-from ballbot_ros.cli.command import VERBS
 from ballbot_ros.cli.max_step_height import COLUMNS
 from ballbot_ros.cli.options import read_numbers, read_values, read_varied
 from ballbot_ros.studies.sweep import SEARCHED_COLUMNS
@@ -47,16 +46,6 @@ def test_a_number_without_name_or_value_is_refused(word):
 
 def test_the_maximum_step_height_has_one_name_in_all_results():
     assert COLUMNS['height'] in SEARCHED_COLUMNS and 'height' not in SEARCHED_COLUMNS
-
-
-@pytest.mark.parametrize('verb', VERBS)
-def test_an_option_in_degrees_has_the_unit_in_its_name(verb, capsys):
-    assert main([verb, '--help']) == 0
-    text = capsys.readouterr().out
-    options = re.findall(r'(--[\w-]+) DEGREES', text)
-    assert all(option.endswith('-deg') for option in options)
-    for word in ('--angle', '--slope', '--slopes'):
-        assert f'{word} ' not in text
 
 
 def test_help_before_the_verb_also_prints_the_help_of_the_verb(capsys):

@@ -97,9 +97,16 @@ def test_a_rounded_duration_causes_a_warning(tmp_path, capsys):
     (['--step', '3e-4'], 'inconsistent', 'output_step'),
     (['--duration', '1', '--output-step', '5'], 'inconsistent', 'output_step'),
     (['--method', 'rk5'], 'not_a_choice', '--method'),
-    (['--out', '/dev/null/here'], 'not_writable', '/dev/null/here/summary.txt')])
-def test_an_invalid_value_is_refused(refuses, words, reason, field):
-    refuses(reason, field, 'simulate', 'fig7_top', '--quiet', *words)
+    (['--out', '/dev/null/here'], 'not_writable', '/dev/null/here/summary.txt'),
+    (['--playback', '2'], 'inconsistent', '--playback'),
+    (['--animate', 'film.avi'], 'usage', '--animate'),
+    (['--animate', '/dev/null/film.gif'], 'not_writable', '/dev/null/film.gif'),
+    (['--animate', '--duration', '100'], 'out_of_range', 'playback'),
+    (['--animate', '--playback', '0'], 'out_of_range', '--playback')])
+def test_an_invalid_value_is_refused_and_leaves_no_folder(
+        refuses, tmp_path, words, reason, field):
+    refuses(reason, field, 'simulate', 'fig7_top', '--out', tmp_path / 'out', *words)
+    assert not (tmp_path / 'out').exists()
 
 
 @pytest.mark.parametrize('text, reason, field', [
@@ -179,17 +186,6 @@ def test_animate_writes_a_gif_with_the_other_files_or_at_a_given_path(tmp_path, 
                  '--overwrite']) == 0
     assert json.loads(capsys.readouterr().out)['files'][-1] == str(elsewhere)
     assert elsewhere.read_bytes().startswith(b'GIF89a')
-
-
-@pytest.mark.parametrize('words, reason, field', [
-    (['--playback', '2'], 'inconsistent', '--playback'),
-    (['--animate', 'film.avi'], 'usage', '--animate'),
-    (['--animate', '/dev/null/film.gif'], 'not_writable', '/dev/null/film.gif'),
-    (['--animate', '--duration', '100'], 'out_of_range', 'playback'),
-    (['--animate', '--playback', '0'], 'out_of_range', '--playback')])
-def test_an_invalid_animation_is_refused_before_the_run(refuses, tmp_path, words, reason, field):
-    refuses(reason, field, 'simulate', 'fig7_top', '--out', tmp_path / 'out', *words)
-    assert not (tmp_path / 'out').exists()
 
 
 def test_ctrl_c_while_animating_keeps_the_numbers_and_leaves_no_partial_file(
