@@ -30,9 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run until Ctrl-C, which is the normal end of a node: exit code 0."""
     target = arguments.target
-    if target.endswith(('.yaml', '.yml')) or '/' in target or Path(target).is_dir():
-        return _experiment(target, arguments.rest)
-    if target not in NODES:
+    if target not in NODES:  # the name of a node has precedence over a folder of that name
+        if target.endswith(('.yaml', '.yml')) or '/' in target or Path(target).is_dir():
+            return _experiment(target, arguments.rest)
         from ballbot_ros.config.fields import suggestion
         near = suggestion(target, NODES)
         raise ConfigurationError(f'there is no node {target!r}{near}; an experiment is given by '

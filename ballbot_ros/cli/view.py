@@ -2,11 +2,10 @@
 """The verb ``view``: a scene, a bag or running nodes in a browser."""
 import argparse
 from pathlib import Path
-import sys
 from threading import Event
 from typing import Any
 
-from ballbot_ros.cli.options import add_number, add_quiet, from_ros, refuse_without
+from ballbot_ros.cli.options import add_number, add_quiet, from_ros, refuse_without, warn
 from ballbot_ros.cli.verb import DONE
 from ballbot_ros.config.fields import count, quantity
 from ballbot_ros.config.optional import load_optional
@@ -81,8 +80,8 @@ def serve(source: Any, arguments: argparse.Namespace, begin: bool) -> int:
     from ballbot_ros.view.page import Page
     from ballbot_ros.view.server import free_port, PageServer
     if arguments.host not in (LOOPBACK, 'localhost', '::1'):
-        print(f'Warning: with --host {arguments.host} everyone on the network can see the page '
-              'and drive the robot; there is no password', file=sys.stderr)
+        warn([f'with --host {arguments.host} everyone on the network can see the page and drive '
+              'the robot; there is no password'])
     server = PageServer(arguments.host, free_port(arguments.host, arguments.port))
     page = Page(source, server, begin)
     try:

@@ -78,7 +78,8 @@ class SweepPlan(Checked):
                 + ('values, as in 0.2,0.5 or 0.2:1.2:21, and no ranges' if self.design == 'grid'
                    else 'ranges from low to high, as in 0.2:1.2, and no lists'),
                 'inconsistent', 'design')
-        unknown = [name for name in (*used, *self.fixed) if name not in NUMBERS]
+        names = (*used, *self.fixed)
+        unknown = [name for name in names if name not in NUMBERS]
         if unknown:
             raise ConfigurationError(
                 'sweep: ' + '; '.join(f'{name!r} is not a parameter{suggestion(name, NUMBERS)}'
@@ -98,14 +99,14 @@ class SweepPlan(Checked):
             raise ConfigurationError(
                 f'sweep: robot {self.robot.name!r} has no motor, so {", ".join(motor)} cannot '
                 'vary', 'inconsistent', motor[0])
-        if 'clearance' in {**used, **self.fixed} and self.rules.over != 'clear':
+        if 'clearance' in names and self.rules.over != 'clear':
             raise ConfigurationError(
                 f'sweep: clearance needs the rule clear, over is {self.rules.over!r}; make it '
                 "'clear' (--over clear)", 'inconsistent', 'clearance')
-        if 'speed' not in {**used, **self.fixed}:
+        if 'speed' not in names:
             raise ConfigurationError(
                 'sweep: speed is missing; fix it, or let it vary', 'missing', 'speed')
-        owners = [IN_DEGREES.get(name, name) for name in (*used, *self.fixed)]
+        owners = [IN_DEGREES.get(name, name) for name in names]
         twice = sorted(name for name in set(owners) if owners.count(name) > 1)
         if twice:
             raise ConfigurationError(

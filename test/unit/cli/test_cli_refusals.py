@@ -183,11 +183,13 @@ def test_ctrl_c_is_the_normal_end_of_a_verb_without_another_end(verb, code, verb
     assert capsys.readouterr().err.count('\n') == (code != 0)
 
 
-def test_ctrl_c_during_the_imports_of_a_node_is_its_normal_end(monkeypatch, capsys):
+def test_ctrl_c_during_the_imports_of_a_node_is_its_normal_end(monkeypatch, capsys, tmp_path):
     def interrupted(_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr('ballbot_ros.cli.run.from_ros', interrupted)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'bridge').mkdir()  # the name of a node has precedence over a folder
     assert main(['run', 'bridge']) == main(['run', 'simulator', 'controller']) == 0
     assert capsys.readouterr().err == ''
 
