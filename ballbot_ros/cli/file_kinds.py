@@ -128,7 +128,7 @@ def experiment_file(name: str, scene: str = 'doorstep') -> list[Section]:
             Section('nodes', {}, '', {}, lines)]
 
 
-WALLS = """\
+FLOOR = """\
 # All coordinates are in m.
 walls:
   size: [6.0, 5.0]       # of the map, whose lower left corner is (0, 0); its outline is a wall
@@ -139,8 +139,6 @@ walls:
     - [[3.5, 2.5], [6.0, 2.5]]
 # Instead of walls, a map of Nav2's map_server or of SLAM Toolbox, with a path from this file:
 # map: my_map.yaml
-"""
-FEATURES = """\
 features:
   # Lines. A step is higher on the left of its line, viewed from the first point to the last.
   - {kind: step, name: upper room, line: [[2.5, 2.5], [3.5, 2.5]], height: 0.02, height_sd: 0.001}
@@ -155,13 +153,9 @@ features:
   # - {kind: friction, polygon: [[0.5, 1.0], [1.5, 1.0], [1.5, 2.0], [0.5, 2.0]], friction: 0.1}
   # - {kind: keep_out, polygon: [[4.5, 0.5], [5.5, 0.5], [5.5, 1.5], [4.5, 1.5]]}
   # - {kind: stairs, polygon: [[4.5, 0.5], [5.5, 0.5], [5.5, 1.5], [4.5, 1.5]]}    # down
-"""
-START = """\
 # Start of a simulated robot: x, y [m] and heading [degrees], counter-clockwise from +x. Default:
 # the middle of the largest room.
 start: [1.0, 1.0, 0.0]
-"""
-HEIGHTS = """\
 # heights:               # of the ground under the features, in a 16-bit greyscale PNG
 #   image: heights.png
 #   resolution: 0.02     # size of a cell [m]
@@ -173,7 +167,7 @@ HEIGHTS = """\
 
 def floor_file(name: str) -> list[Section]:
     """Return the sections of a floor file: two rooms, with each kind of feature."""
-    return [Section('', {}, '', {}, WALLS + FEATURES + START + HEIGHTS)]
+    return [Section('', {}, '', {}, FLOOR)]
 
 
 def curve_file() -> list[Section]:
