@@ -6,13 +6,13 @@ Results are stored in blocks of JSON files, see `parallel_map`.
 """
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
-import hashlib
 import math
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import Knowledge
+from ballbot_ros.results.digests import digest
 from ballbot_ros.studies.evaluation.approaches import Approach, crossable_approach, draw_approach
 from ballbot_ros.studies.evaluation.run import heading, nominal_knowledge, run_approach
 from ballbot_ros.studies.evaluation.search import (
@@ -61,8 +61,8 @@ class Evaluation:
         same = {name: value for name, value in asdict(self).items()
                 if name not in ('parts', 'limits', 'searched')}
         nominal = self.nominal()
-        known = (nominal.robot.digest, nominal.curve, nominal.tuning, nominal.control)
-        return hashlib.sha256(repr((source_digest(), known, same)).encode()).hexdigest()[:16]
+        return digest((source_digest(), nominal.robot.digest, nominal.curve, nominal.tuning,
+                       nominal.control, same))
 
     def nominal(self) -> Knowledge:
         """Return the assumptions of the decision."""

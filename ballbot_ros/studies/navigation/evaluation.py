@@ -8,7 +8,6 @@ other as free floor.
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import lru_cache
-import hashlib
 import math
 from pathlib import Path
 from time import thread_time
@@ -20,6 +19,7 @@ from ballbot_ros.errors import RefusedError, SimulationError
 from ballbot_ros.floors.floor import inside
 from ballbot_ros.navigation import Capability, CrossingPlan, RoutePlanner
 from ballbot_ros.navigation.execution import Navigator
+from ballbot_ros.results.digests import digest
 from ballbot_ros.studies.evaluation.run import nominal_knowledge
 from ballbot_ros.studies.navigation.closed_loop import FloorLoop
 from ballbot_ros.studies.navigation.houses import draw_house, House
@@ -69,8 +69,7 @@ class NavigationEvaluation:
     @property
     def digest(self) -> str:
         """Return a digest of all inputs of the rows, except their numbers."""
-        known = source_digest(), self.seed, nominal_knowledge().robot.digest
-        return hashlib.sha256(repr(known).encode()).hexdigest()[:16]
+        return digest((source_digest(), self.seed, nominal_knowledge().robot.digest))
 
 
 def run_block(evaluation: NavigationEvaluation, planner: str, first: int, stop: int
