@@ -115,10 +115,13 @@ def parameters_of(arguments: argparse.Namespace, known: dict[str, Any]) -> Any:
     given = dict(known)
     for words in arguments.set or ():
         name, sign, text = words.partition('=')
+        try:
+            given[name] = yaml.safe_load(text)
+        except yaml.YAMLError:
+            sign = ''
         if not sign:
             raise ConfigurationError(
                 f'--set takes NAME=VALUE, got {words!r}', 'wrong_type', '--set')
-        given[name] = yaml.safe_load(text)
     given.update({name: getattr(arguments, name) for name in ('scene', 'robot')
                   if getattr(arguments, name)})
     if 'scene' not in given and not given.get('floor'):

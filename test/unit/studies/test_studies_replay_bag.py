@@ -131,6 +131,12 @@ def test_parameters_missing_in_a_bag_are_requested(tmp_path, capsys, refuses):
     refuses('inconsistent', '--before', 'replay', bag, '--before', '3')
 
 
+def test_a_malformed_parameter_is_refused(tmp_path, refuses):
+    bag = record(tmp_path / 'bag')
+    for word in ('control_rate', 'control_rate=['):
+        refuses('wrong_type', '--set', 'replay', bag, '--set', word)
+
+
 def test_with_two_robots_the_namespace_is_required(tmp_path, capsys):
     plant = plant_of()
     bag = BagOf(tmp_path / 'bag', {})
