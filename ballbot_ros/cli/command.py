@@ -201,7 +201,7 @@ def _run(words: list[str]) -> int:
     except ConfigurationError as error:
         # The message names the class that checks the number, and its field: name the option.
         option = f'--{error.field.replace("_", "-")}'
-        place = re.match(rf'(\w+|command line): {re.escape(error.field)}\b', str(error))
+        place = re.match(rf'\w+: {re.escape(error.field)}\b', str(error))
         if place and not error.problems and parser.of_verb is not None \
                 and option in parser.of_verb._option_string_actions:
             raise ConfigurationError(

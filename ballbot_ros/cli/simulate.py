@@ -191,17 +191,15 @@ def read_scene(arguments: argparse.Namespace) -> Any:
     """
     from dataclasses import replace
 
-    from ballbot_ros.config.fields import check_choice, check_value
+    from ballbot_ros.config.fields import check_choice
     from ballbot_ros.physics.simulation.run import output_steps
     from ballbot_ros.physics.simulation.scene import load_scene
     from ballbot_ros.physics.simulation.solver import ACCURACY, METHODS, PRESETS, Solver
     scene = load_scene(arguments.scene)
 
     def change(part: Any, *names: str) -> Any:
-        given = {name: check_value(name, getattr(arguments, name),
-                                   part.__dataclass_fields__[name].metadata, 'command line')
-                 for name in names if getattr(arguments, name) is not None}
-        return replace(part, **given)
+        return replace(part, **{name: getattr(arguments, name) for name in names
+                                if getattr(arguments, name) is not None})
 
     if arguments.method is not None:
         check_choice('--method', arguments.method, (*METHODS, *PRESETS))
