@@ -44,8 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
     options.warn_speeds('--speed', speeds)
     if arguments.samples and not uncertain(robot):
         raise ConfigurationError(
-            f'--samples {arguments.samples}: no parameter of {robot.name} has a range, so there '
-            'is no band; give a parameter of the robot file a range, or leave --samples out',
+            f'--samples {arguments.samples}: no parameter of {robot.name} has a range, so '
+            'there is no band; give a parameter of the robot file a range, or leave --samples out',
             'inconsistent', 'samples')
     request = Request(
         speeds[0], speeds[-1], len(speeds), arguments.accuracy, seed=arguments.seed,
