@@ -166,6 +166,18 @@ def test_a_register_that_is_not_answered_does_not_hide_what_keeps_a_motor_from_b
     assert 'MOTOR_FAILED' in str(caught.value)
 
 
+@both
+def test_reading_the_reasons_of_a_refused_arming_is_part_of_its_timeout(kind):
+    bench = Bench(kind)
+    bench.driver.identify()
+    bench._delay = 0.045  # of each reply
+    bench.device.sensed = bench.device.sensed._replace(temperature=200.0)
+    begin = bench.now
+    with refused('not_armed', 'drive', DriveError):
+        bench.driver.arm(0.2)
+    assert bench.now - begin < 0.25
+
+
 @pytest.mark.parametrize('generation', ('0.5', '0.6'))
 def test_an_error_has_the_same_text_on_a_serial_line_and_on_a_bus(generation):
     texts = []

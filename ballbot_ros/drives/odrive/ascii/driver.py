@@ -298,7 +298,7 @@ class ODrive(Driver):
             self._send(self._torque_message(0.0))
             self._refuse_faults(deadline)
             if self.clock() >= deadline - self.options.reply_timeout:
-                raise self._not_armed()
+                raise self._not_armed(deadline)
         self._refuse_faults(deadline)
 
     def _refuse_faults(self, deadline: float) -> None:
@@ -308,12 +308,12 @@ class ODrive(Driver):
             path = self._path(self._generation.errors)
             raise self._error(f'the ODrive has no {path}', 'not_armed', path)
         if bits:
-            raise self._not_armed()
+            raise self._not_armed(deadline)
 
-    def _not_armed(self) -> DriveError:
-        """Return the error at arming, with the errors of all registers that reply."""
+    def _not_armed(self, deadline: float) -> DriveError:
+        """Return the error at arming, with the errors of all registers that reply in time."""
         try:
-            names = self._faults(math.inf, True)
+            names = self._faults(deadline, True)
         except DriveError:
             names = self._generation.faults(self._status.values, True)
         return self._error(not_armed(names), 'not_armed')
