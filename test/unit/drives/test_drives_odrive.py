@@ -164,9 +164,10 @@ def test_an_unrequested_value_is_ignored_until_a_marker_comes_back():
 def test_an_answer_is_overdue_after_the_timeout_and_then_too_late():
     properties = Properties(timeout=0.0625)
     asked(properties, 1.0)
-    assert not properties.overdue(1.0625) and properties.requested == 'state'
-    assert properties.overdue(1.063) and not properties.in_sync
-    assert not properties.overdue(1.07)  # counted once
+    properties.drop_overdue(1.0625)
+    assert properties.in_sync and properties.requested == 'state'
+    properties.drop_overdue(1.063)
+    assert not properties.in_sync
     assert properties.take('8') is None and properties.value is None
 
 
@@ -598,6 +599,17 @@ def test_a_value_that_is_not_a_number_is_not_put_into_the_telemetry(kind):
     telemetry = bench.cycles(400, torque=0.01)
     assert telemetry.motor_temperature is None and telemetry.temperature == 35.0
     assert bench.driver.counts['lost'] == 0
+
+
+@both
+def test_a_lost_value_is_counted_once(kind):
+    bench, lost = Bench(kind), iter(range(3))
+    bench.driver.arm()
+    bench.cycles(50)
+    bench.to_drive = lambda data: data.partition(b'r vbus')[0] \
+        if b'r vbus' in data and next(lost, None) is not None else data
+    bench.cycles(1000)
+    assert next(lost, None) is None and bench.driver.counts['lost'] == 3
 
 
 @both

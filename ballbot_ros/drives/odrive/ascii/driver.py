@@ -132,7 +132,7 @@ class Properties:
     Requests one property at a time, and matches the values to the requests.
 
     After an overdue or an unrequested value it is out of sync: it sends a numbered marker, and
-    accepts no value until the marker is answered.  A reply counts as lost after a timeout [s].
+    accepts no value until the marker is answered.  A value is overdue after a timeout [s].
 
     `requested` is the property whose value is pending, `requested_at` the time of the last request
     [s], `value` the last reply, None for text that is not a number, such as "invalid property",
@@ -195,12 +195,10 @@ class Properties:
         name, self.requested, self.value = self.requested, None, value
         return name
 
-    def overdue(self, now: float) -> bool:
-        """Return whether a reply is overdue; if so, lose sync."""
-        if self.requested is None or now - self.requested_at <= self._timeout:
-            return False
-        self.lose_sync()
-        return True
+    def drop_overdue(self, now: float) -> None:
+        """Lose sync if the pending value is overdue."""
+        if self.requested is not None and now - self.requested_at > self._timeout:
+            self.lose_sync()
 
 
 @dataclass(frozen=True)
@@ -433,7 +431,7 @@ class ODrive(Driver):
 
     def _take(self, data: bytes, now: float) -> None:
         super()._take(data, now)
-        self.counts['lost'] += self._properties.overdue(now)
+        self._properties.drop_overdue(now)
 
     def _take_reply(self, text: str, now: float) -> None:
         feedback = codec.parse_feedback(text)
