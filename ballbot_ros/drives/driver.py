@@ -204,6 +204,7 @@ class Driver(ABC):
         self._settings: dict[str, Union[float, str]] = {}  # first value of each setting
         self._off_requested_at = -math.inf  # of the last request whose reply showed no power [s]
         self._received_at = -math.inf  # when the last bytes were read [s]
+        self._punctual_at = -math.inf  # of the last request answered within the timeout [s]
         self._pending = PendingRequests(options.reply_timeout, self.replies_are_named)
         self.meanwhile: Callable[[], None] = lambda: None
         self._begin()
@@ -372,6 +373,16 @@ class Driver(ABC):
             return self._handshake_error(before)
         return self._error(f'the {self.maker} does not answer {what}', 'silent')
 
+    def _refuse_late(self, deadline: float) -> None:
+        """Raise `DriveError` with reason ``late`` if no reply arrives within `reply_timeout`."""
+        start, before = self.clock(), self.counts.copy()
+        while self._punctual_at < start:
+            self._send(self._requests())
+            if not self._until(lambda: self._punctual_at >= start, self._soon(deadline)) \
+                    and self.clock() >= deadline:
+                raise Driver._handshake_error(self, before) if self._corrupted_since(before) \
+                    else self._late(before)
+
     def _corrupted_since(self, before: Counter[str]) -> bool:
         return any(self.counts[kind] > before[kind] for kind in ('refused', 'skipped'))
 
@@ -382,15 +393,17 @@ class Driver(ABC):
             return self._error(
                 f'no {self.maker} answers; is it powered, are RX and TX crossed, is its serial '
                 'port set to this protocol and baud rate?', 'silent')
-        replies = self.counts['replies'] - before['replies']
-        if replies and not self._corrupted_since(before):
-            return self._error(
-                f'{replies} valid replies of the {self.maker} received, but none to the last '
-                'request: they arrive too late, on a busy machine or a slow line; reply_timeout '
-                f'is {self.options.reply_timeout:g} s', 'late')
+        if self.counts['replies'] > before['replies'] and not self._corrupted_since(before):
+            return self._late(before)
         return self._error(
             f'{received} bytes received, but no complete reply of the {self.maker}: wrong baud '
             'rate, another protocol, or noise', 'garbled')
+
+    def _late(self, before: Counter[str]) -> DriveError:
+        return self._error(
+            f'{self.counts["replies"] - before["replies"]} valid replies of the {self.maker} '
+            'received, but none to the last request: they arrive too late, on a busy machine or a '
+            f'slow line; reply_timeout is {self.options.reply_timeout:g} s', 'late')
 
     def _no_node(self, before: Counter[str], others: set[int], advice: str) -> DriveError:
         """Return the error for a failed handshake on a bus; `others` are the ids of seen nodes."""
@@ -473,4 +486,6 @@ class Driver(ABC):
         """Return the request that a reply answers; see `PendingRequests`."""
         match = self._pending.match(kind, now)
         self.counts['unexpected'] += match.sent == -math.inf
+        if match.measured is not None:
+            self._punctual_at = match.measured
         return match

@@ -82,6 +82,7 @@ class RoboClaw(Driver):
         # Requests feed the serial timeout, and an earlier duty may still be active.
         text = self._ask(codec.GET_VERSION, deadline, handshake=True,
                          before=self._duty_message(0.0)).text.strip()
+        self._refuse_late(deadline)
         self._ask(codec.GET_BATTERY, deadline)
         self._ask(codec.GET_STATUS, deadline)
         name, _, version = text.rpartition(' ')

@@ -242,9 +242,7 @@ def test_bytes_that_make_no_sense_are_distinguished_from_silence(kind):
     assert raised.value.reason == 'garbled'
 
 
-@pytest.mark.parametrize('kind', [name for name in KINDS if name.startswith('odrive ')])
 def test_valid_replies_that_come_too_late_are_distinguished_from_corrupted_ones(kind):
-    # The other protocols also match late replies to requests.
     bench = Bench(kind)
     bench._delay = 2.4 * bench.driver.options.reply_timeout
     with refused('late', 'drive', DriveError) as caught:

@@ -108,6 +108,7 @@ class ODriveCan(Driver):
     def identify(self, timeout: float = 0.5) -> Identity:
         deadline = self.clock() + timeout
         self._wait_until_executed(deadline)
+        self._refuse_late(deadline)
         timeout = self.options.reply_timeout
         version = self._ask(codec.VERSION, min(deadline, self.clock() + 2.0 * timeout))
         if version is None or len(version) != 8:  # 0.5 does not answer this request

@@ -49,8 +49,8 @@ class Vesc(Driver):
     # Blocking methods
 
     def identify(self, timeout: float = 0.5) -> Identity:
-        firmware = codec.parse_firmware(self._ask(
-            codec.FW_VERSION, self.clock() + timeout, handshake=True))
+        deadline = self.clock() + timeout
+        firmware = codec.parse_firmware(self._ask(codec.FW_VERSION, deadline, handshake=True))
         if firmware is None:
             raise self._error(
                 'a VESC replies but does not report its firmware', 'firmware', 'firmware')
@@ -60,6 +60,7 @@ class Vesc(Driver):
             raise self._error(
                 f'VESC firmware must be 5.03 to 7.xx, got {version[0]}.{version[1]:02}: {reason}; '
                 'update it with VESC Tool, Firmware', 'firmware', 'firmware')
+        self._refuse_late(deadline)
         self._version = version
         return Identity(self.protocol, firmware.hardware, f'{version[0]}.{version[1]:02}'
                         + (f' test {test}' if test else ''), firmware.serial_number)
@@ -74,8 +75,6 @@ class Vesc(Driver):
         layout = settings.layout_of(self._version)
         self._limits = settings.parse_limits(self._ask(codec.GET_MCCONF, deadline), layout) \
             or settings.unknown_limits(layout)
-        self._ask_until(lambda: self.telemetry.bus_voltage is not None, self._requests, deadline,
-                        'the request for its supply voltage')
         return settings.judge(application, self._limits, self.options,
                               self.telemetry.bus_voltage or math.nan)
 
