@@ -31,6 +31,7 @@ With an emulated drive in memory:
     >>> driver.stop()
 """
 from importlib import import_module
+from pkgutil import resolve_name
 import time
 from types import ModuleType
 from typing import Any, Callable, Mapping, NamedTuple, Optional, Type
@@ -43,15 +44,8 @@ from ballbot_ros.drives.emulated_device import Device
 from ballbot_ros.errors import ConfigurationError
 
 
-class LineKind(NamedTuple):
-    """Module and name of the class that opens a port; imported at the first use."""
-
-    module: str
-    opener: str
-
-
-SERIAL = LineKind('ballbot_ros.drives.transport', 'Link')
-CAN = LineKind('ballbot_ros.drives.can_transport', 'CanLink')
+# Classes that open a port.
+SERIAL, CAN = 'ballbot_ros.drives.transport:Link', 'ballbot_ros.drives.can_transport:CanLink'
 
 
 class Vendor(NamedTuple):
@@ -60,7 +54,7 @@ class Vendor(NamedTuple):
     folder: str  # with the modules codec, driver and emulated
     driver: str  # class in driver
     device: str  # class in emulated
-    line: LineKind = SERIAL
+    line: str = SERIAL
 
 
 # Protocol -> vendor.
@@ -76,23 +70,21 @@ DRIVES = {
 
 def codec_of(protocol: str) -> ModuleType:
     """Return the codec of a protocol; raises `ConfigurationError` for an unknown one."""
-    return _module(protocol, 'codec')
+    return import_module(f'{_vendor(protocol).folder}.codec')
 
 
 def driver_class(protocol: str) -> Type[Driver]:
     """Return the driver of a protocol; raises as `codec_of` does."""
-    found: Type[Driver] = getattr(_module(protocol, 'driver'), DRIVES[protocol].driver)
+    vendor = _vendor(protocol)
+    found: Type[Driver] = resolve_name(f'{vendor.folder}.driver:{vendor.driver}')
     return found
 
 
 def device_class(protocol: str) -> Type[Device]:
     """Return the emulated device of a protocol; raises as `codec_of` does."""
-    found: Type[Device] = getattr(_module(protocol, 'emulated'), DRIVES[protocol].device)
+    vendor = _vendor(protocol)
+    found: Type[Device] = resolve_name(f'{vendor.folder}.emulated:{vendor.device}')
     return found
-
-
-def _module(protocol: str, name: str) -> ModuleType:
-    return import_module(f'{_vendor(protocol).folder}.{name}')
 
 
 def _vendor(protocol: str) -> Vendor:
@@ -113,8 +105,8 @@ def read_options(protocol: str, mapping: Mapping[str, Any], where: str) -> Drive
     return driver_class(protocol).Options.from_mapping(mapping, where)
 
 
-def line_of(protocol: str) -> LineKind:
-    """Return the kind of line of a protocol; raises as `codec_of` does."""
+def line_of(protocol: str) -> str:
+    """Return `SERIAL` or `CAN`; raises as `codec_of` does."""
     return _vendor(protocol).line
 
 
@@ -126,8 +118,7 @@ def open_line(protocol: str, port: str, baud: int,
     See transport.py for the port of a serial line, can_transport.py for that of a CAN bus.  Raises
     `ConfigurationError` if there is no such protocol, `LinkError` if the port cannot be opened.
     """
-    kind = line_of(protocol)
-    opened: SerialLine = getattr(import_module(kind.module), kind.opener)(port, baud, recorder)
+    opened: SerialLine = resolve_name(line_of(protocol))(port, baud, recorder)
     return opened
 
 

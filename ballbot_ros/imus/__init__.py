@@ -11,8 +11,8 @@ follow from that line.  The folder has two modules: ``protocol`` with a subclass
     >>> emulated.baud == sensor.factory_baud
     True
 """
-from importlib import import_module
-from typing import Any, NamedTuple, Type
+from pkgutil import resolve_name
+from typing import NamedTuple, Type
 
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.errors import ConfigurationError
@@ -34,19 +34,21 @@ IMUS = {
 
 def sensor_class(vendor: str) -> Type[InertialSensor]:
     """Return the protocol of a vendor; raises `ConfigurationError` ``unknown_name``."""
-    found: Type[InertialSensor] = getattr(_module(vendor, 'protocol'), IMUS[vendor].sensor)
+    entry = _entry(vendor)
+    found: Type[InertialSensor] = resolve_name(f'{entry.folder}.protocol:{entry.sensor}')
     return found
 
 
 def emulated_class(vendor: str) -> Type[EmulatedSensor]:
     """Return the emulated sensor of a vendor; raises as `sensor_class` does."""
-    found: Type[EmulatedSensor] = getattr(_module(vendor, 'emulated'), IMUS[vendor].emulated)
+    entry = _entry(vendor)
+    found: Type[EmulatedSensor] = resolve_name(f'{entry.folder}.emulated:{entry.emulated}')
     return found
 
 
-def _module(vendor: str, name: str) -> Any:
+def _entry(vendor: str) -> ImuVendor:
     if vendor not in IMUS:
         raise ConfigurationError(
             f'there is no inertial sensor {vendor!r}{suggestion(str(vendor), IMUS)}',
             'unknown_name', 'sensor')
-    return import_module(f'{IMUS[vendor].folder}.{name}')
+    return IMUS[vendor]
