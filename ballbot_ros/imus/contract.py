@@ -7,8 +7,9 @@ port, configures the sensor, and reads from it; `InertialSensor` implements the 
 All quantities are SI, in the sensor's own axes.
 """
 from abc import ABC, abstractmethod
-from collections import Counter
-from typing import ClassVar, List, NamedTuple, Protocol, Tuple
+from typing import ClassVar, List, NamedTuple, Tuple
+
+from ballbot_ros.drives.contract import StreamParser
 
 Vector = Tuple[float, float, float]
 
@@ -19,17 +20,6 @@ class InertialReading(NamedTuple):
     turn_rate: Vector  # [rad/s]
     force: Vector  # specific force: at rest g upwards [m/s2]
     saturated: bool  # a value is at the limit of the sensor's range
-
-
-class ReadingParser(Protocol):
-    """Finds readings in the data of a sensor."""
-
-    # ``readings``; ``refused`` packets with a wrong checksum, ``skipped`` bytes that belong to no
-    # packet, ``unpaired`` forces or turn rates without the other.
-    counts: Counter[str]
-
-    def feed(self, data: bytes) -> List[InertialReading]:
-        """Parse bytes and return the readings that they complete."""
 
 
 class InertialSensor(ABC):
@@ -56,8 +46,13 @@ class InertialSensor(ABC):
         """Return the commands that change the baud rate to the chosen one."""
 
     @abstractmethod
-    def parser(self) -> ReadingParser:
-        """Return a new parser."""
+    def parser(self) -> StreamParser:
+        """
+        Return a new parser of `InertialReading`.
+
+        Its `counts` are ``readings``; ``refused`` packets with a wrong checksum, ``skipped`` bytes
+        that belong to no packet, ``unpaired`` forces or turn rates without the other.
+        """
 
 
 class EmulatedSensor(ABC):

@@ -90,7 +90,7 @@ class WitMotion(InertialSensor):
 
 class PacketParser:
     """
-    See `ReadingParser`.
+    See `InertialSensor.parser`.
 
     An 8-bit sum accepts one wrong packet in 256.  So after bytes that belong to no packet the
     first packet is dropped, and only those that follow it without a gap are used.
