@@ -151,7 +151,7 @@ class ImuSource:
 
     def __init__(self, sensor: InertialSensor, connect: Callable[[int], SerialLine], axes: Axes,
                  latency: float):
-        self._sensor, self._connect, self._wanted = sensor, connect, sensor.baud
+        self._sensor, self._connect = sensor, connect
         self.read_as(axes, latency)
         self._arrivals = ArrivalClock(1.0 / sensor.rate)
         self._longest_repetition = round(LONGEST_REPETITION * sensor.rate)
@@ -167,7 +167,7 @@ class ImuSource:
     def read_as(self, axes: Axes, latency: float) -> None:
         """Change mounting and latency [s]."""
         # A reading is complete when its last bit has arrived.
-        self._axes, self._delay = axes, latency + self._sensor.reading_bits / self._wanted
+        self._axes, self._delay = axes, latency + self._sensor.reading_bits / self._sensor.baud
 
     def read(self, timeout: float) -> List[StampedReading]:
         """Return the readings that arrive within a time [s], possibly none; raise nothing."""
@@ -214,10 +214,10 @@ class ImuSource:
         if not readings:
             return self._check_timeout(line)
         self._received_at = arrival
-        if self._baud != self._wanted:
-            LOG.info('sensor found at %d baud, changed to %d', self._baud, self._wanted)
+        if self._baud != self._sensor.baud:
+            LOG.info('sensor found at %d baud, changed to %d', self._baud, self._sensor.baud)
             self._write(line, self._sensor.change_baud())
-            self._change_baud(self._wanted)
+            self._change_baud(self._sensor.baud)
             return []
         found = []
         for after, reading in zip(reversed(range(len(readings))), readings):
@@ -242,8 +242,8 @@ class ImuSource:
             self.trouble = (
                 f'no readings at {self._baud} baud on {line.port}'
                 + (': bytes arrive, but none are valid' if self._parser.counts['skipped'] else ''))
-            self._change_baud(
-                self._sensor.factory_baud if self._baud == self._wanted else self._wanted)
+            wanted = self._sensor.baud
+            self._change_baud(self._sensor.factory_baud if self._baud == wanted else wanted)
         return []
 
     def _change_baud(self, baud: int) -> None:
