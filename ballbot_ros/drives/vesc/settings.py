@@ -41,8 +41,6 @@ OLDEST: Version = (5, 3)
 NEWEST_MAJOR = 7
 # The layout of the settings differs between test builds of these versions.
 MOVING: tuple[Version, ...] = ((5, 3), (6, 0), (6, 5))
-_HEAD_OF_6_05: Version = (6, 5)
-_APPLICATION_OF_6: Version = (6, 0)
 
 # Name in the firmware -> format and divisor of an integer; in their order.
 Layout = Mapping[str, tuple[str, float]]
@@ -102,15 +100,16 @@ def why_not(version: Version, test: int) -> str:
 
 def layout_of(version: Version) -> Layout:
     """Return the layout of the motor limits in a firmware."""
-    return SINCE_6_05 if version >= _HEAD_OF_6_05 else SINCE_5_03
+    return SINCE_6_05 if version >= (6, 5) else SINCE_5_03
 
 
 def _struct_of(layout: Layout) -> struct.Struct:
     return struct.Struct('>' + ''.join(form for form, _ in layout.values()))
 
 
-def parse_limits(payload: bytes, layout: Layout) -> Optional[Mapping[str, float]]:
+def parse_limits(payload: bytes, version: Version) -> Optional[Mapping[str, float]]:
     """Return the limits of a ``GET_MCCONF`` by their names, None if it is not one."""
+    layout = layout_of(version)
     form = _struct_of(layout)
     if len(payload) < _MOTOR_HEAD + form.size or payload[0] != GET_MCCONF:
         return None
@@ -118,8 +117,9 @@ def parse_limits(payload: bytes, layout: Layout) -> Optional[Mapping[str, float]
     return {name: value / scale for value, (name, (_, scale)) in zip(values, layout.items())}
 
 
-def pack_limits(limits: Mapping[str, float], layout: Layout) -> bytes:
+def pack_limits(limits: Mapping[str, float], version: Version) -> bytes:
     """Return the head of a ``GET_MCCONF``, as the firmware sends it."""
+    layout = layout_of(version)
     return struct.pack('>BIBBBB', GET_MCCONF, 0, 1, 0, 2, 2) + _struct_of(layout).pack(*(
         limits[name] if form == 'f' else int(limits[name] * scale)
         for name, (form, scale) in layout.items()))
@@ -127,7 +127,7 @@ def pack_limits(limits: Mapping[str, float], layout: Layout) -> bytes:
 
 def _application_offset(version: Version) -> int:
     """Return the offset of the kill switch mode in a ``GET_APPCONF``; next is the app."""
-    return 33 if version >= _APPLICATION_OF_6 else 29
+    return 33 if version >= (6, 0) else 29
 
 
 def parse_application(payload: bytes, version: Version) -> Optional[Application]:
@@ -156,24 +156,19 @@ def _name(names: tuple[str, ...], number: int) -> str:
 THREAD = 0.01
 # With `l_temp_accel_dec` 1, driving is cut from this temperature on [degC].
 CURRENT_CUT_TEMPERATURE = 25.0
+# Settings that could not be read: none of them is acceptable.
 UNKNOWN = Application(math.nan, math.nan, 'unknown', 'unknown')
+UNKNOWN_LIMITS: Mapping[str, float] = dict.fromkeys(SINCE_6_05, math.nan)
 MOTOR, GENERAL = 'VESC Tool, Motor Settings', 'VESC Tool, App Settings, General'
 
 
-def unknown_limits(layout: Layout) -> Mapping[str, float]:
-    """Return limits that could not be read, as NaN: none of them is acceptable."""
-    return dict.fromkeys(layout, math.nan)
-
-
-def judge(application: Optional[Application], limits: Mapping[str, float],
-          options: VescOptions, bus_voltage: float) -> tuple[Setting, ...]:
+def judge(app: Application, limits: Mapping[str, float], options: VescOptions,
+          bus_voltage: float) -> tuple[Setting, ...]:
     """
     Return the safety-relevant settings, and whether each is acceptable.
 
-    The application is None if it could not be read; see `parse_limits` for the limits.  The
-    voltage is the present one of the supply [V].
+    See `parse_limits` for the limits; the voltage is the present one of the supply [V].
     """
-    app = application or UNKNOWN
     needed = options.torque_limit * options.speed_limit
     return (
         _torque(limits, options), _watchdog(app, options),

@@ -63,7 +63,7 @@ def test_each_limit_stands_where_the_firmware_puts_it(version):
     for name, (place, form, scale) in places.items():
         packed = values[name] * scale
         struct.pack_into(f'>{form}', payload, 1 + place, packed if form == 'f' else int(packed))
-    found = settings.parse_limits(bytes(payload), settings.layout_of(version))
+    found = settings.parse_limits(bytes(payload), version)
     assert {name: found[name] for name in places} == pytest.approx(values)
 
 

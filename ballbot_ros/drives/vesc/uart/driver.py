@@ -42,7 +42,7 @@ class Vesc(Driver):
         self._replies: dict[int, bytes] = {}  # message -> its last reply, except values
         self._turn_offset: Optional[float] = None  # tachometer minus encoder, at the first reply
         self._version: Optional[settings.Version] = None
-        self._limits: Mapping[str, float] = settings.unknown_limits(settings.SINCE_6_05)
+        self._limits: Mapping[str, float] = settings.UNKNOWN_LIMITS
         self._read_back, self._read_back_at = codec.GET_MCCONF, -math.inf
         self._status, self._status_requested_at = 0, -math.inf
 
@@ -71,10 +71,9 @@ class Vesc(Driver):
             self.identify(timeout)
         assert self._version is not None
         application = settings.parse_application(
-            self._ask(codec.GET_APPCONF, deadline), self._version)
-        layout = settings.layout_of(self._version)
-        self._limits = settings.parse_limits(self._ask(codec.GET_MCCONF, deadline), layout) \
-            or settings.unknown_limits(layout)
+            self._ask(codec.GET_APPCONF, deadline), self._version) or settings.UNKNOWN
+        self._limits = settings.parse_limits(
+            self._ask(codec.GET_MCCONF, deadline), self._version) or settings.UNKNOWN_LIMITS
         return settings.judge(application, self._limits, self.options,
                               self.telemetry.bus_voltage or math.nan)
 
@@ -179,10 +178,10 @@ class Vesc(Driver):
     def _check_settings(self, payload: bytes) -> None:
         if self._version is None:
             return
-        limits = settings.parse_limits(payload, settings.layout_of(self._version)) or {}
         application = settings.parse_application(payload, self._version)
-        for name, value in (*limits.items(), *(application._asdict().items()
-                                               if application is not None else ())):
+        found = application._asdict() if application is not None \
+            else settings.parse_limits(payload, self._version) or {}
+        for name, value in found.items():
             self._check_setting(name, value)
 
     def _note(self, values: codec.Values, now: float) -> None:

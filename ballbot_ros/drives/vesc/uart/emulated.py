@@ -165,8 +165,7 @@ class VescDevice(Device):
         elif message == codec.GET_APPCONF:
             return settings.pack_application(self.application, self.version) + MORE_SETTINGS
         elif message == codec.GET_MCCONF:
-            return settings.pack_limits(
-                self.limits, settings.layout_of(self.version)) + MORE_SETTINGS
+            return settings.pack_limits(self.limits, self.version) + MORE_SETTINGS
         return b''
 
     def _values(self) -> codec.Values:
