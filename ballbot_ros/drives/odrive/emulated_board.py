@@ -11,7 +11,6 @@ Currents have no delay; the supply provides the power at the shaft and of the wi
 """
 from dataclasses import dataclass
 import math
-from types import MappingProxyType
 from typing import Mapping, Optional
 
 from ballbot_ros.drives.emulated_device import Device, DriveSettings, Quirk
@@ -26,7 +25,7 @@ from ballbot_ros.drives.odrive.firmware import (
 RESULTS = {name: number for number, name in RESULT_6.names.items()}
 POSITION_CONTROL = 3  # factory default of the control mode
 
-QUIRKS: Mapping[str, Quirk] = MappingProxyType({
+QUIRKS = {
     '0.5.4': Quirk('0.5.4: a controller stop is reported as two motor errors, by a number '
                    'of ten digits, of which nine are sent', 'MotorControl/main.cpp, fw-v0.5.4'),
     'vel_limit': Quirk('factory defaults: velocity limit 2 turn/s (0.6: 10), also in torque mode; '
@@ -37,7 +36,7 @@ QUIRKS: Mapping[str, Quirk] = MappingProxyType({
     'factory': Quirk('all factory defaults: `vel_limit`, `regeneration`, no torque limit, 10 A, '
                      'watchdog off, not calibrated',
                      'MotorControl/{controller,motor,axis}.hpp, fw-v0.5.6; 0.6: guessed'),
-})
+}
 
 
 @dataclass(frozen=True)
@@ -162,12 +161,13 @@ class BoardDevice(Device):
     """
 
     firmwares = tuple(FIRMWARES)
+    quirks = QUIRKS
+    _saved: Mapping[str, float] = {}  # properties, before a restart
 
-    def _boot_board(self, saved: Mapping[str, float]) -> None:
-        """Start the firmware given in the settings, with the saved properties."""
+    def _boot(self) -> None:
         self.firmware = firmware = FIRMWARES[self.settings.firmware or self.firmwares[0]]
         self.names = firmware.generation
-        self.properties = {**firmware.properties(self.settings), **saved}
+        self.properties = {**firmware.properties(self.settings), **self._saved}
         self.input_torque = 0.0
         self._fed: Optional[float] = None
         self._connected = False  # the controller receives the velocity from the first arming on
@@ -175,11 +175,6 @@ class BoardDevice(Device):
         if self.properties[firmware.calibration_kept]:
             self._calibrate()
         self._brake_armed = bool(self.properties[self.names.brake_enabled])
-
-    def kept_properties(self) -> dict[str, float]:
-        """Return the properties kept over a restart."""
-        return {name: value for name, value in self.properties.items()
-                if name.startswith('config.') or '.config.' in name}
 
     @property
     def armed(self) -> bool:

@@ -18,7 +18,6 @@ missing; that `disarm_reason` remains after the error has cleared.
 from dataclasses import dataclass
 from itertools import combinations
 import math
-from types import MappingProxyType
 from typing import Mapping, NamedTuple, Sequence
 
 from ballbot_ros.drives.contract import bit_names
@@ -66,16 +65,12 @@ class Register(NamedTuple):
         return tuple(self.prefix + name for name in bit_names(number, self.names))
 
 
-def _table(path: str, prefix: str, names: dict[int, str], counts: bool = False) -> Register:
-    return Register(path, prefix, MappingProxyType(names), counts)
-
-
-AXIS_5 = _table('axis0.error', '', {
+AXIS_5 = Register('axis0.error', '', {
     0x1: 'INVALID_STATE', 0x40: 'MOTOR_FAILED', 0x80: 'SENSORLESS_ESTIMATOR_FAILED',
     0x100: 'ENCODER_FAILED', 0x200: 'CONTROLLER_FAILED', 0x800: 'WATCHDOG_TIMER_EXPIRED',
     0x1000: 'MIN_ENDSTOP_PRESSED', 0x2000: 'MAX_ENDSTOP_PRESSED', 0x4000: 'ESTOP_REQUESTED',
     0x20000: 'HOMING_WITHOUT_ENDSTOP', 0x40000: 'OVER_TEMP', 0x80000: 'UNKNOWN_POSITION'})
-MOTOR_5 = _table('axis0.motor.error', 'MOTOR_ERROR_', {
+MOTOR_5 = Register('axis0.motor.error', 'MOTOR_ERROR_', {
     0x1: 'PHASE_RESISTANCE_OUT_OF_RANGE', 0x2: 'PHASE_INDUCTANCE_OUT_OF_RANGE', 0x8: 'DRV_FAULT',
     0x10: 'CONTROL_DEADLINE_MISSED', 0x80: 'MODULATION_MAGNITUDE',
     0x400: 'CURRENT_SENSE_SATURATION', 0x1000: 'CURRENT_LIMIT_VIOLATION',
@@ -89,24 +84,24 @@ MOTOR_5 = _table('axis0.motor.error', 'MOTOR_ERROR_', {
     0x80000000: 'UNKNOWN_VBUS_VOLTAGE', 0x100000000: 'UNKNOWN_VOLTAGE_COMMAND',
     0x200000000: 'UNKNOWN_GAINS', 0x400000000: 'CONTROLLER_INITIALIZING',
     0x800000000: 'UNBALANCED_PHASES'})
-ENCODER_5 = _table('axis0.encoder.error', 'ENCODER_ERROR_', {
+ENCODER_5 = Register('axis0.encoder.error', 'ENCODER_ERROR_', {
     0x1: 'UNSTABLE_GAIN', 0x2: 'CPR_POLEPAIRS_MISMATCH', 0x4: 'NO_RESPONSE',
     0x8: 'UNSUPPORTED_ENCODER_MODE', 0x10: 'ILLEGAL_HALL_STATE', 0x20: 'INDEX_NOT_FOUND_YET',
     0x40: 'ABS_SPI_TIMEOUT', 0x80: 'ABS_SPI_COM_FAIL', 0x100: 'ABS_SPI_NOT_READY',
     0x200: 'HALL_NOT_CALIBRATED_YET'})
-CONTROLLER_5 = _table('axis0.controller.error', 'CONTROLLER_ERROR_', {
+CONTROLLER_5 = Register('axis0.controller.error', 'CONTROLLER_ERROR_', {
     0x1: 'OVERSPEED', 0x2: 'INVALID_INPUT_MODE', 0x4: 'UNSTABLE_GAIN',
     0x8: 'INVALID_MIRROR_AXIS', 0x10: 'INVALID_LOAD_ENCODER', 0x20: 'INVALID_ESTIMATE',
     0x40: 'INVALID_CIRCULAR_RANGE', 0x80: 'SPINOUT_DETECTED'})
-SENSORLESS_5 = _table('axis0.sensorless_estimator.error', 'SENSORLESS_ESTIMATOR_ERROR_', {
+SENSORLESS_5 = Register('axis0.sensorless_estimator.error', 'SENSORLESS_ESTIMATOR_ERROR_', {
     0x1: 'UNSTABLE_GAIN', 0x2: 'UNKNOWN_CURRENT_MEASUREMENT'})
-SYSTEM_5 = _table('error', 'ODRIVE_ERROR_', {
+SYSTEM_5 = Register('error', 'ODRIVE_ERROR_', {
     0x1: 'CONTROL_ITERATION_MISSED', 0x2: 'DC_BUS_UNDER_VOLTAGE', 0x4: 'DC_BUS_OVER_VOLTAGE',
     0x8: 'DC_BUS_OVER_REGEN_CURRENT', 0x10: 'DC_BUS_OVER_CURRENT',
     0x20: 'BRAKE_DEADTIME_VIOLATION', 0x40: 'BRAKE_DUTY_CYCLE_NAN',
     0x80: 'INVALID_BRAKE_RESISTANCE'})
 
-AXIS_6 = _table('axis0.active_errors', '', {
+AXIS_6 = Register('axis0.active_errors', '', {
     0x1: 'INITIALIZING', 0x2: 'SYSTEM_LEVEL', 0x4: 'TIMING_ERROR', 0x8: 'MISSING_ESTIMATE',
     0x10: 'BAD_CONFIG', 0x20: 'DRV_FAULT', 0x40: 'MISSING_INPUT', 0x100: 'DC_BUS_OVER_VOLTAGE',
     0x200: 'DC_BUS_UNDER_VOLTAGE', 0x400: 'DC_BUS_OVER_CURRENT',
@@ -117,7 +112,7 @@ AXIS_6 = _table('axis0.active_errors', '', {
     0x4000000: 'SPINOUT_DETECTED', 0x8000000: 'BRAKE_RESISTOR_DISARMED',
     0x10000000: 'THERMISTOR_DISCONNECTED', 0x40000000: 'CALIBRATION_ERROR'})
 REASON_6 = AXIS_6._replace(path='axis0.disarm_reason')
-RESULT_6 = _table('axis0.procedure_result', '', dict(enumerate((
+RESULT_6 = Register('axis0.procedure_result', '', dict(enumerate((
     'SUCCESS', 'BUSY', 'CANCELLED', 'DISARMED', 'NO_RESPONSE', 'POLE_PAIR_CPR_MISMATCH',
     'PHASE_RESISTANCE_OUT_OF_RANGE', 'PHASE_INDUCTANCE_OUT_OF_RANGE', 'UNBALANCED_PHASES',
     'INVALID_MOTOR_TYPE', 'ILLEGAL_HALL_STATE', 'TIMEOUT', 'HOMING_WITHOUT_ENDSTOP',
@@ -272,11 +267,11 @@ MOTOR_TYPES = {0: 'by current', 2: 'by voltage', 3: 'induction'}
 
 # ODrive.ComponentStatus
 NOMINAL, RELATIVE_MODE = 0, 9
-STATUS = MappingProxyType(dict(enumerate((
+STATUS = dict(enumerate((
     'NOMINAL', 'NO_RESPONSE', 'INVALID_RESPONSE_LENGTH', 'PARITY_MISMATCH', 'ILLEGAL_HALL_STATE',
     'POLARITY_NOT_CALIBRATED', 'PHASES_NOT_CALIBRATED', 'NUMERICAL_ERROR', 'MISSING_INPUT',
     'RELATIVE_MODE', 'UNCONFIGURED', 'OVERSPEED', 'INDEX_NOT_FOUND', 'BAD_CONFIG', 'NOT_ENABLED',
-    'SPINOUT_DETECTED', 'ENCODER_FIELD_TOO_LOW', 'ENCODER_FIELD_TOO_HIGH'))))
+    'SPINOUT_DETECTED', 'ENCODER_FIELD_TOO_LOW', 'ENCODER_FIELD_TOO_HIGH')))
 
 GENERATION_5 = Generation(
     version=(0, 5), axes=2, one_reply_at_a_time=False, axis=AXIS_5, reason='',

@@ -14,11 +14,11 @@ does not change the control mode, and arming sets the torque to `init_torque`.
 """
 import math
 import re
-from typing import Callable, Mapping, Optional
+from typing import Callable, Optional
 
 from ballbot_ros.drives.contract import BITS_PER_BYTE
 from ballbot_ros.drives.odrive.ascii.codec import checksum, frame_reply, LINE_END, LONGEST_LINE
-from ballbot_ros.drives.odrive.emulated_board import BoardDevice, QUIRKS
+from ballbot_ros.drives.odrive.emulated_board import BoardDevice
 from ballbot_ros.drives.odrive.firmware import (
     BUS_CURRENT, BUS_VOLTAGE, CONTROL_MODE, EFFECTIVE_CURRENT, MOTOR_TEMPERATURE, SERIAL_NUMBER,
     TEMPERATURE, TORQUE_CONTROL, VALUE_LENGTH_MAX, VERSION)
@@ -33,11 +33,9 @@ class ODriveDevice(BoardDevice):
     """See `Device`; properties of the axis with the motor are stored under the name axis0."""
 
     protocol = 'odrive'
-    quirks = QUIRKS
-    _saved: Mapping[str, float] = {}  # by ``ss``
 
     def _boot(self) -> None:
-        self._boot_board(self._saved)
+        super()._boot()
         self._line = b''
         self._reading = True
         self._sending_until = -math.inf
@@ -107,7 +105,8 @@ class ODriveDevice(BoardDevice):
     def _control_system(self, letter: str, now: float) -> list[str]:
         """Save and restart, restart, or clear the errors."""
         if letter == 's' and not self.armed:
-            self._saved = self.kept_properties()
+            self._saved = {name: value for name, value in self.properties.items()
+                           if name.startswith('config.') or '.config.' in name}
         if letter in ('r', 's') and not (letter == 's' and self.armed):
             self.reboot(now)
         elif letter == 'c':

@@ -17,7 +17,7 @@ from typing import Any, Mapping
 from ballbot_ros.drives.can_frames import CanFrame, RECORD_SIZE, RecordParser
 from ballbot_ros.drives.contract import BITS_PER_BYTE
 from ballbot_ros.drives.odrive.cansimple import codec
-from ballbot_ros.drives.odrive.emulated_board import BoardDevice, QUIRKS
+from ballbot_ros.drives.odrive.emulated_board import BoardDevice
 from ballbot_ros.drives.odrive.firmware import (
     CONTROL_MODE, GENERATION_5, INPUT_MODE, REQUESTED_STATE, RESULT_6, SERIAL_NUMBER, STATE)
 
@@ -29,10 +29,9 @@ class ODriveCanDevice(BoardDevice):
     """See `Device`; the node id is the number of the axis; each axis of a board is a `Device`."""
 
     protocol = 'odrive_can'
-    quirks = QUIRKS
 
     def _boot(self) -> None:
-        self._boot_board({})
+        super()._boot()
         self._old = self.firmware.generation is GENERATION_5
         self.heartbeat_rate = 'axis0.config.can.heartbeat_' + (
             'rate_ms' if self._old else 'msg_rate_ms')
