@@ -200,6 +200,7 @@ class Driver(ABC):
         self.clock = clock
         self.telemetry = Telemetry()
         self.counts: Counter[str] = Counter(lost=0)
+        self._identified = False  # set by `identify`, where the protocol depends on the firmware
         self._armed = False  # by this driver, and not stopped since
         self._settings: dict[str, Union[float, str]] = {}  # first value of each setting
         self._off_requested_at = -math.inf  # of the last request whose reply showed no power [s]
@@ -335,6 +336,10 @@ class Driver(ABC):
 
     def _error(self, text: str, reason: str, field: str = 'drive') -> DriveError:
         return DriveError(f'{self.line.port}: {text}', reason, field)
+
+    def _require_identity(self, deadline: float) -> None:
+        if not self._identified:
+            self.identify(deadline - self.clock())
 
     def _until(self, condition: Callable[[], bool], deadline: float) -> bool:
         """Poll until a condition holds or the deadline has passed; return whether it holds."""

@@ -235,7 +235,6 @@ class ODrive(Driver):
     def _begin(self) -> None:
         self._parser = codec.LineParser()
         self._status = DriveStatus(GENERATIONS[-1], self.options.torque_limit)
-        self._identified = False
         self._properties = Properties(self.options.reply_timeout)
         self._texts: deque[str] = deque(maxlen=8)  # neither feedback nor values
         self._then: Optional[str] = None  # property to request after the position
@@ -258,10 +257,6 @@ class ODrive(Driver):
         return Identity(self.protocol, hardware, in_words(version),
                         self._serial_number(deadline), self._generation.name)
 
-    def _identify_firmware(self, deadline: float) -> None:
-        if not self._identified:
-            self.identify(deadline - self.clock())
-
     def _serial_number(self, deadline: float) -> str:
         number = self._read(SERIAL_NUMBER, deadline)
         if number >= LEAST_SERIAL_NUMBER:
@@ -275,19 +270,20 @@ class ODrive(Driver):
 
     def read_settings(self, timeout: float = 0.5) -> tuple[Setting, ...]:
         deadline = self.clock() + timeout
-        self._identify_firmware(deadline)
+        self._require_identity(deadline)
         settings = judge(
             self._generation, lambda name: self._read(name, deadline), self.options)
         return tuple(item._replace(remedy=self._path(item.remedy)) for item in settings)
 
     def _arm(self, deadline: float) -> None:
-        self._identify_firmware(deadline)
+        self._require_identity(deadline)
         # A latched error prevents arming; a present one returns immediately.
         self._send(self._torque_message(0.0) + codec.CLEAR_ERRORS)
         self._status.forget_errors()
-        self._settings.pop(self._path(CONTROL_MODE), None)  # arming sets it
-        if self._write(CONTROL_MODE, TORQUE_CONTROL, deadline) != TORQUE_CONTROL:
-            path = self._path(CONTROL_MODE)
+        path = self._path(CONTROL_MODE)
+        self._settings.pop(path, None)  # arming sets it
+        self._send(codec.write(path, TORQUE_CONTROL))
+        if self._read(CONTROL_MODE, deadline) != TORQUE_CONTROL:
             raise self._error(
                 f'the ODrive does not enter torque control, see {path}', 'not_armed', path)
         self._refuse_faults(deadline)
@@ -322,7 +318,7 @@ class ODrive(Driver):
 
     def clear_faults(self, timeout: float = 0.5) -> tuple[str, ...]:
         deadline = self.clock() + timeout
-        self._identify_firmware(deadline)
+        self._require_identity(deadline)
         if self._armed or self._read(STATE, deadline) != IDLE:
             raise self._error(UNDER_POWER, 'not_clearable', 'motor')
         self._send(codec.feed_watchdog(self.options.axis) + codec.CLEAR_ERRORS)
@@ -421,11 +417,6 @@ class ODrive(Driver):
                 return math.nan if properties.value is None else properties.value
             if self.clock() >= deadline:
                 raise self._no_answer(before, f'for {self._path(name)}')
-
-    def _write(self, name: str, value: float, deadline: float) -> float:
-        """Set a property and return the value read back."""
-        self._send(codec.write(self._path(name), value))
-        return self._read(name, deadline)
 
     # Replies
 

@@ -15,9 +15,9 @@ from ballbot_ros.drives.odrive.cansimple.settings import (
     check_confirmed, Endpoint, in_odrivetool, judge_firmware, judge_heartbeat, judge_positions,
     judge_trial, load_endpoints, missing, SLOWEST_HEARTBEAT)
 from ballbot_ros.drives.odrive.firmware import (
-    BUS_VOLTAGE, CLOSED_LOOP_CONTROL, CONTROL_MODE, ENCODER_5, Generation, generation_of,
-    GENERATIONS, hardware_name, IDLE, in_words, INPUT_MODE, not_armed, PASSTHROUGH, RESULT_6,
-    STATE, TORQUE_CONTROL, UNDER_POWER)
+    BUS_VOLTAGE, CLOSED_LOOP_CONTROL, CONTROL_MODE, ENCODER_5, generation_of, GENERATIONS,
+    hardware_name, IDLE, in_words, INPUT_MODE, not_armed, PASSTHROUGH, RESULT_6, STATE,
+    TORQUE_CONTROL, UNDER_POWER)
 from ballbot_ros.drives.odrive.settings import judge
 from ballbot_ros.errors import ConfigurationError, DriveError
 
@@ -88,7 +88,7 @@ class ODriveCan(Driver):
 
     def _begin(self) -> None:
         self._parser = RecordParser()
-        self._generation, self._identified = GENERATIONS[-1], False
+        self._generation = GENERATIONS[-1]
         self._version: tuple[int, ...] = ()
         # By name; infinite if a register has an error whose bits are not read yet.
         self._values: dict[str, float] = {}
@@ -123,11 +123,6 @@ class ODriveCan(Driver):
         name = self._generation.name
         return Identity(self.protocol, board, in_words(self._version) or name, '', name)
 
-    def _known(self, deadline: float) -> Generation:
-        if not self._identified:
-            self.identify(deadline - self.clock())
-        return self._generation
-
     def _drop_status(self) -> None:
         """Drop state and errors until the next heartbeat."""
         self._values.clear()
@@ -140,7 +135,8 @@ class ODriveCan(Driver):
         The test takes the watchdog time, in addition to `timeout`.
         """
         deadline, unknown = self.clock() + timeout, []
-        generation, options = self._known(deadline), self.options
+        self._require_identity(deadline)
+        generation, options = self._generation, self.options
         self._wait_until_executed(deadline, 'requests')
         endpoints = load_endpoints(options.endpoints, self._version) \
             if options.endpoints and generation is not OLD else {}
@@ -201,7 +197,8 @@ class ODriveCan(Driver):
         return bool(int(self._values.get(self._generation.errors, 0)) & bit)
 
     def _arm(self, deadline: float) -> None:
-        generation = self._known(deadline)
+        self._require_identity(deadline)
+        generation = self._generation
         node, start = self.options.node_id, self.clock()
         for name in (CONTROL_MODE, INPUT_MODE.name):  # arming sets them
             self._settings.pop(name, None)
@@ -225,7 +222,7 @@ class ODriveCan(Driver):
         if self._armed or self.telemetry.armed:
             raise self._error(UNDER_POWER, 'not_clearable', 'motor')
         deadline = self.clock() + timeout
-        self._known(deadline)
+        self._require_identity(deadline)
         self._clear_errors(deadline)
         self._until(lambda: bool(self._beats), deadline)
         return self.telemetry.faults
