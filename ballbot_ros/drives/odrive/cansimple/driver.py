@@ -15,9 +15,9 @@ from ballbot_ros.drives.odrive.cansimple.settings import (
     check_confirmed, Endpoint, in_odrivetool, judge_firmware, judge_heartbeat, judge_positions,
     judge_trial, load_endpoints, missing, SLOWEST_HEARTBEAT)
 from ballbot_ros.drives.odrive.firmware import (
-    BUS_VOLTAGE, CLOSED_LOOP_CONTROL, CONTROL_MODE, ENCODER_5, generation_of, GENERATIONS,
-    hardware_name, IDLE, in_words, INPUT_MODE, not_armed, PASSTHROUGH, RESULT_6, STATE,
-    TORQUE_CONTROL, UNDER_POWER)
+    BUS_VOLTAGE, CLOSED_LOOP_CONTROL, CONTROL_MODE, ENCODER_5, GENERATION_5, GENERATION_6,
+    generation_of, hardware_name, IDLE, in_words, INPUT_MODE, not_armed, PASSTHROUGH, RESULT_6,
+    STATE, TORQUE_CONTROL, UNDER_POWER)
 from ballbot_ros.drives.odrive.settings import judge
 from ballbot_ros.errors import ConfigurationError, DriveError
 
@@ -60,7 +60,6 @@ class ODriveCanOptions(DriveOptions):
         return numbers if known else ()
 
 
-OLD = GENERATIONS[0]
 # Requested in turn, in addition to the position; one kind at most once in `LONGEST_LATENCY`.
 POLLED = {'0.5': (codec.IQ, codec.BUS_VOLTAGE_CURRENT, codec.MOTOR_ERROR, codec.IQ,
                   codec.BUS_VOLTAGE_CURRENT, codec.ENCODER_ERROR, codec.CONTROLLER_ERROR),
@@ -88,7 +87,7 @@ class ODriveCan(Driver):
 
     def _begin(self) -> None:
         self._parser = RecordParser()
-        self._generation = GENERATIONS[-1]
+        self._generation = GENERATION_6
         self._version: tuple[int, ...] = ()
         # By name; infinite if a register has an error whose bits are not read yet.
         self._values: dict[str, float] = {}
@@ -112,7 +111,7 @@ class ODriveCan(Driver):
         timeout = self.options.reply_timeout
         version = self._ask(codec.VERSION, min(deadline, self.clock() + 2.0 * timeout))
         if version is None or len(version) != 8:  # 0.5 does not answer this request
-            self._version, self._generation = self.options.version, OLD
+            self._version, self._generation = self.options.version, GENERATION_5
             board = 'v3'
         else:
             self._version = tuple(version[4:7])
@@ -139,9 +138,9 @@ class ODriveCan(Driver):
         generation, options = self._generation, self.options
         self._wait_until_executed(deadline, 'requests')
         endpoints = load_endpoints(options.endpoints, self._version) \
-            if options.endpoints and generation is not OLD else {}
+            if options.endpoints and generation is not GENERATION_5 else {}
         self._endpoints = endpoints
-        confirmed = options.confirmed or {} if generation is OLD else {}
+        confirmed = options.confirmed or {} if generation is GENERATION_5 else {}
 
         def read(name: str) -> float:
             if name in endpoints:
@@ -156,17 +155,17 @@ class ODriveCan(Driver):
 
         settings = [item._replace(remedy=in_odrivetool(item.remedy))
                     for item in judge(generation, read, options)]
-        settings += missing(unknown, generation is OLD, in_words(self._version))
+        settings += missing(unknown, generation is GENERATION_5, in_words(self._version))
         beats = self._beats
         beats.clear()
         unrequested = self.counts['unexpected']
         self._until(lambda: len(beats) == 3, min(deadline, self.clock() + 0.15))
         period = (beats[-1] - beats[0]) / (len(beats) - 1) if len(beats) > 1 else math.inf
         settings.append(judge_positions(
-            self.counts['unexpected'] - unrequested, generation is OLD))
-        settings += [judge_heartbeat(period, generation is OLD),
+            self.counts['unexpected'] - unrequested, generation is GENERATION_5))
+        settings += [judge_heartbeat(period, generation is GENERATION_5),
                      judge_others(self.counts['of_others'])]
-        if generation is OLD:
+        if generation is GENERATION_5:
             settings += [judge_firmware(in_words(self._version)), self._try_watchdog(deadline)]
         return tuple(settings)
 
@@ -181,7 +180,7 @@ class ODriveCan(Driver):
             return judge_trial(None, False, longest)
         self._clear_errors(deadline)
         start = self.clock()
-        expired = self._until(lambda: self._has_error(OLD.watchdog_expired),
+        expired = self._until(lambda: self._has_error(GENERATION_5.watchdog_expired),
                               start + 1.01 * longest + 2.0 * SLOWEST_HEARTBEAT)
         took = self.clock() - start
         self._send(codec.frame(self.options.node_id, codec.CLEAR_ERRORS))
@@ -214,7 +213,7 @@ class ODriveCan(Driver):
             if executed and self._values[STATE] == CLOSED_LOOP_CONTROL and not names:
                 return
             if executed and names or self.clock() >= deadline:
-                result = () if generation is OLD else RESULT_6.names_of(self._result)
+                result = () if generation is GENERATION_5 else RESULT_6.names_of(self._result)
                 raise self._error(not_armed(names or result), 'not_armed')
             self._send(self._torque_message(0.0) + self._ask_position())
 
@@ -330,7 +329,7 @@ class ODriveCan(Driver):
                         if name in self._endpoints else None
                     if value is not None:
                         self._check_setting(name, value)
-            elif self._generation is not OLD and command == codec.ERROR:
+            elif self._generation is not GENERATION_5 and command == codec.ERROR:
                 self._values[self._generation.reason] = int.from_bytes(frame.data, 'little') >> 32
             elif command in REGISTERS and REGISTERS[command].path in self._values:
                 self._values[REGISTERS[command].path] = int.from_bytes(frame.data, 'little')
@@ -351,7 +350,7 @@ class ODriveCan(Driver):
             return
         values, flags = self._values, (content.first, content.second, content.third)
         values.update({self._generation.errors: content.errors, STATE: content.state})
-        if self._generation is not OLD:
+        if self._generation is not GENERATION_5:
             self._result = content.first
         else:
             for register, flag in zip(REGISTERS.values(), flags):
@@ -372,5 +371,5 @@ class ODriveCan(Driver):
             self.telemetry = self.telemetry._replace(current=second)
         elif command == codec.BUS_VOLTAGE_CURRENT:
             self.telemetry = self.telemetry._replace(bus_voltage=first, bus_current=second)
-        elif self._generation is not OLD:
+        elif self._generation is not GENERATION_5:
             self.telemetry = self.telemetry._replace(temperature=first, motor_temperature=second)
