@@ -110,12 +110,7 @@ class ArrivalClock:
     """
 
     def __init__(self, period: float):
-        self._period = period
-        self.reset()
-
-    def reset(self) -> None:
-        """Restart: the next arrival counts as undelayed."""
-        self._last = -math.inf
+        self._period, self._last = period, -math.inf
 
     def sent(self, arrival: float) -> float:
         """
@@ -153,16 +148,13 @@ class ImuSource:
                  latency: float):
         self._sensor, self._connect = sensor, connect
         self.read_as(axes, latency)
-        self._arrivals = ArrivalClock(1.0 / sensor.rate)
         self._longest_repetition = round(LONGEST_REPETITION * sensor.rate)
         self.counts: Counter[str] = Counter(
             readings=0, refused=0, skipped=0, unpaired=0, saturated=0, frozen=0, lost=0, set_up=0)
         self.trouble = 'not opened yet'
         self._line: Optional[SerialLine] = None
-        self._parser = sensor.parser()
         self._baud, self._open_at, self._received_at = sensor.baud, 0.0, 0.0
-        self._last: Optional[InertialReading] = None
-        self._repetitions = 0
+        self._restart()
 
     def read_as(self, axes: Axes, latency: float) -> None:
         """Change mounting and latency [s]."""
@@ -195,11 +187,15 @@ class ImuSource:
             return []
         self._open_at = now + REOPEN_PERIOD
         self._line = self._connect(self._baud)
-        self._parser, self._last, self._repetitions = self._sensor.parser(), None, 0
-        self._arrivals.reset()
+        self._restart()
         self._write(self._line, self._sensor.configure(self._baud))
         self._received_at = time.monotonic()
         return []
+
+    def _restart(self) -> None:
+        self._parser, self._arrivals = self._sensor.parser(), ArrivalClock(1.0 / self._sensor.rate)
+        self._last: Optional[InertialReading] = None
+        self._repetitions = 0
 
     def _write(self, line: SerialLine, commands: List[bytes]) -> None:
         self.counts['set_up'] += 1

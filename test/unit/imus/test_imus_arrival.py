@@ -57,10 +57,3 @@ def test_the_estimate_restarts_after_a_gap():
     clock = ArrivalClock(PERIOD)
     clock.sent(1.0)
     assert clock.sent(1.0 + (LOST_PERIODS + 2.0) * PERIOD) == 1.0 + (LOST_PERIODS + 2.0) * PERIOD
-
-
-def test_after_a_reset_the_stamp_is_the_next_arrival():
-    clock = ArrivalClock(PERIOD)
-    clock.sent(1.0)
-    clock.reset()
-    assert clock.sent(1.007) == 1.007
