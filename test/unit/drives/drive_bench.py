@@ -42,6 +42,24 @@ class Bench(MemoryLine):
                 'torque_limit': 0.1, **confirmed_options(self.device), **options}, 'test'),
             self.clock)
 
+    def sense(self, **changes):
+        """Change measurements of the drive."""
+        self.device.sensed = self.device.sensed._replace(**changes)
+
+    def settings(self):
+        """Return the settings that the driver reads back, by name."""
+        return {item.name: item for item in self.driver.read_settings()}
+
+    def refused(self):
+        """Return the settings that are not acceptable, by name."""
+        return {name: item for name, item in self.settings().items() if not item.acceptable}
+
+    def sent(self):
+        """Return a list that records the further writes of the driver."""
+        kept = []
+        self.to_drive = lambda data: kept.append(data) or data
+        return kept
+
     def cycles(self, number, torque=0.0, period=0.002):
         """Run control periods, with requests only if `torque` is None; return the telemetry."""
         for _ in range(number):

@@ -220,8 +220,7 @@ def test_the_frames_of_a_message_are_those_that_the_firmware_makes():
 def test_a_torque_has_the_frame_that_the_maker_has_for_a_current():
     bench = Bench('vesc_can', can_id=0)
     bench.driver.arm()
-    sent = []
-    bench.to_drive = lambda data: sent.append(data) or data
+    sent = bench.sent()
     bench.driver.send_torque(-0.025, ask=False)
     assert RecordParser().feed(sent[0]) == [
         CanFrame(0x100, (-1000).to_bytes(4, 'big', signed=True), extended=True)]
@@ -285,14 +284,11 @@ def test_an_adapter_without_that_bit_rate_says_so():
     ('odrive_can 0.6', CanFrame(0x09, remote=True)), ('vesc_can', CanFrame(0x100, bytes(4), True)),
     ('vesc_can', CanFrame(0x800, b'\1\0\4', True))])
 def test_a_drive_that_another_node_commands_is_refused(kind, frame):
-    def only(bench):
-        found, = (item for item in bench.driver.read_settings() if item.name == 'only sender')
-        return found
     bench = Bench(kind)
     bench.driver.identify()
-    assert only(bench).acceptable
+    assert bench.settings()['only sender'].acceptable
     bench.waiting.append((bench.now, record(frame)))
-    assert not only(bench).acceptable and only(bench).remedy
+    assert bench.refused()['only sender'].remedy
 
 
 @pytest.mark.parametrize('kind', ['odrive_can 0.5', 'odrive_can 0.6'])

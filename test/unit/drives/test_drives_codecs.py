@@ -12,7 +12,7 @@ from ballbot_ros.drives.roboclaw import codec as roboclaw
 from ballbot_ros.drives.vesc.uart import codec as vesc
 
 VALUES = vesc.Values(35.2, 30.1, -3.45, 1.25, -4210.0, 23.9, -123456, 0, 271.123456, 0)
-ANSWERS = [(16, (-123456, 1)), (30, (-4321, 1))]
+ANSWERS = [roboclaw.Reply(16, (-123456, 1)), roboclaw.Reply(30, (-4321, 1))]
 GROUP = (16, 30)
 
 
@@ -30,23 +30,11 @@ def feed(protocol, data):
     return parser_of(protocol).feed(data)
 
 
-def reply_of_odrive(text='-12.345678 9.876543'):
-    """Return a reply as the drive sends it."""
-    body = text.encode()
-    return b'%s*%d\r\n' % (body, odrive.checksum(body))
-
-
-def reply_of_roboclaw():
-    """Return the answers to a group of requests."""
-    return b''.join(roboclaw.answer(0x80, number, *values) for number, values in ANSWERS)
-
-
 # A reply of the drive, and its content.
 REPLIES = {
-    'odrive': (reply_of_odrive(), ['-12.345678 9.876543']),
+    'odrive': (odrive.frame_reply('-12.345678 9.876543'), ['-12.345678 9.876543']),
     'vesc': (vesc.frame(vesc.pack_values(VALUES)), [vesc.pack_values(VALUES)]),
-    'roboclaw': (reply_of_roboclaw(), [
-        [roboclaw.Reply(number, values) for number, values in ANSWERS]]),
+    'roboclaw': (roboclaw.frame_reply(ANSWERS), [ANSWERS]),
 }
 each_protocol = pytest.mark.parametrize('protocol', sorted(REPLIES))
 
@@ -195,7 +183,7 @@ def test_a_line_without_checksum_is_not_a_reply():
 
 def test_the_part_of_a_line_after_a_stray_newline_is_not_a_line():
     # Six characters whose exclusive or is 0 are cut off: the checksum of the rest remains valid.
-    rest = reply_of_odrive('1.000000 2.000000')
+    rest = odrive.frame_reply('1.000000 2.000000')
     assert odrive.checksum(b'1221\n\n') == 0
     assert feed('odrive', b'1221\n\n' + rest) == []
 
@@ -246,8 +234,8 @@ def test_a_single_roboclaw_answer_is_not_used():
 
 
 def test_acknowledgements_between_roboclaw_answers_are_passed_over():
-    found = feed('roboclaw', b'\xff' + reply_of_roboclaw() + b'\xff' + reply_of_roboclaw())
-    assert found == 2 * REPLIES['roboclaw'][1]
+    reply, meaning = REPLIES['roboclaw']
+    assert feed('roboclaw', b'\xff' + reply + b'\xff' + reply) == 2 * meaning
 
 
 def test_a_roboclaw_version_is_text():

@@ -23,9 +23,7 @@ def test_a_drive_reports_its_identity(bench, kind):
 
 
 def test_settings_that_will_do_are_accepted(bench):
-    settings = bench.driver.read_settings()
-    assert {setting.name for setting in settings} >= {'watchdog'}
-    assert all(setting.acceptable for setting in settings), settings
+    assert 'watchdog' in bench.settings() and not bench.refused()
 
 
 @pytest.mark.parametrize('watchdog, acceptable', [(0.0, False), (0.1, True), (0.2, False)])
@@ -33,7 +31,7 @@ def test_the_watchdog_of_the_drive_is_judged_by_that_of_the_options(kind, watchd
     if kind == 'roboclaw':  # the driver sets it at each start
         watchdog, acceptable = 0.1, True
     bench = Bench(kind, DriveSettings(watchdog=watchdog))
-    setting, = (item for item in bench.driver.read_settings() if item.name == 'watchdog')
+    setting = bench.settings()['watchdog']
     assert setting.acceptable is acceptable and setting.remedy
     assert not watchdog or float(setting.value.split()[0]) == watchdog
     assert float(setting.wanted.split()[2]) == 0.1
@@ -45,7 +43,7 @@ def test_the_watchdog_of_the_drive_is_judged_by_that_of_the_options(kind, watchd
 def test_the_limit_of_the_drive_is_judged_by_that_of_the_options(
         kind, torque_limit, current_limit, ceiling):
     bench = Bench(kind, DriveSettings(torque_limit=torque_limit, current_limit=current_limit))
-    setting, = (item for item in bench.driver.read_settings() if item.name == 'torque limit')
+    setting = bench.settings()['torque limit']
     assert setting.acceptable is (ceiling < 0.102) and setting.remedy
     assert float(setting.value.split()[0]) == pytest.approx(ceiling, rel=0.003)
     assert float(setting.wanted.split()[2]) == 0.1
@@ -55,8 +53,8 @@ def test_the_limit_of_the_drive_is_judged_by_that_of_the_options(
     ('roboclaw', '4 A', '0.1 s'), ('vesc', '4 A', '90 ms'),
     ('odrive 0.5', 'torque_lim 0.1', 'watchdog_timeout 0.1')])
 def test_a_remedy_names_the_number_to_set(kind, limit, watchdog):
-    remedies = {item.name: item.remedy for item in Bench(kind).driver.read_settings()}
-    assert limit in remedies['torque limit'] and watchdog in remedies['watchdog']
+    settings = Bench(kind).settings()
+    assert limit in settings['torque limit'].remedy and watchdog in settings['watchdog'].remedy
 
 
 def test_a_torque_reaches_the_motor_once_armed(bench):
@@ -86,7 +84,7 @@ def test_the_requests_of_a_period_can_be_left_out(bench, ask):
 
 
 def test_a_motor_that_turns_feels_no_torque_while_it_is_armed(bench):
-    bench.device.sensed = bench.device.sensed._replace(velocity=60.0)
+    bench.sense(velocity=60.0)
     torques = []
     bench.from_drive = lambda data: torques.append(bench.device.torque()) or data
     bench.driver.arm()
@@ -145,8 +143,7 @@ def test_a_stop_is_confirmed(bench):
 def test_a_stop_begins_with_the_command_for_no_torque(bench):
     bench.driver.arm()
     bench.cycles(5, torque=0.05)
-    kept = []
-    bench.to_drive = lambda data: kept.append(data) or data
+    kept = bench.sent()
     bench.driver.send_torque(0.0, ask=False)
     bench.driver.send_stop()
     assert kept[1].startswith(kept[0]) and len(kept[1]) > len(kept[0])
@@ -388,8 +385,7 @@ def test_no_torque_is_sent_before_arming_or_after_a_stop(bench):
 
 
 def test_position_velocity_and_health_are_reported(bench, kind):
-    bench.device.sensed = bench.device.sensed._replace(
-        position=2.3, velocity=-45.0, bus_voltage=23.5, temperature=41.0)
+    bench.sense(position=2.3, velocity=-45.0, bus_voltage=23.5, temperature=41.0)
     bench.driver.arm()
     telemetry = bench.cycles(400, torque=0.05)
     assert telemetry.position == pytest.approx(2.3, abs=2e-3)
@@ -405,9 +401,9 @@ def test_position_velocity_and_health_are_reported(bench, kind):
 def test_the_position_goes_on_over_full_turns_although_replies_are_lost(bench):
     bench.driver.arm()
     start = bench.cycles(10).position
-    bench.device.sensed = bench.device.sensed._replace(position=1234.5)
+    bench.sense(position=1234.5)
     assert bench.cycles(10).position - start == pytest.approx(1234.5, abs=2e-3)
-    bench.device.sensed = bench.device.sensed._replace(position=-987.6)
+    bench.sense(position=-987.6)
     assert bench.cycles(10).position - start == pytest.approx(-987.6, abs=2e-3)
 
 
@@ -423,7 +419,7 @@ def test_the_budget_covers_what_really_goes_over_the_line(bench, kind):
     written, received = [], []
     bench.to_drive = lambda data: written.append(len(data)) or data
     bench.from_drive = lambda data: received.append(len(data)) or data
-    bench.device.sensed = bench.device.sensed._replace(position=-12345.6, velocity=-987.6)
+    bench.sense(position=-12345.6, velocity=-987.6)
     bench.driver.arm()
     written.clear()
     received.clear()
@@ -441,7 +437,6 @@ def test_the_budget_covers_what_really_goes_over_the_line(bench, kind):
 @pytest.mark.parametrize('voltage, temperature', [(0.0, -40.0), (1000.0, 1000.0)])
 def test_a_drive_reports_at_the_ends_of_what_can_be_set(kind, voltage, temperature):
     bench = Bench(kind)
-    bench.device.sensed = bench.device.sensed._replace(
-        bus_voltage=voltage, temperature=temperature)
+    bench.sense(bus_voltage=voltage, temperature=temperature)
     bench.driver.identify()
     assert bench.cycles(500, torque=None).bus_voltage == pytest.approx(voltage)

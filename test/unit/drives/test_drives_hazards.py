@@ -79,7 +79,7 @@ def test_a_roboclaw_that_restarts_under_power_stops_by_itself_when_commands_end(
 @pytest.mark.parametrize('kind', ['odrive 0.5', 'roboclaw'])
 def test_the_motor_on_the_second_output_is_driven_with_the_option_axis(kind):
     bench = armed(kind, DriveSettings(axis=1), axis=1)
-    bench.device.sensed = bench.device.sensed._replace(position=3.0)
+    bench.sense(position=3.0)
     telemetry = bench.cycles(10, torque=0.05)
     assert bench.device.torque() == pytest.approx(0.05, rel=0.05)
     assert telemetry.position == pytest.approx(3.0, abs=0.01) and telemetry.armed

@@ -119,7 +119,7 @@ def test_states_modes_and_results_have_the_numbers_of_the_maker():
 def test_input_modes_have_the_names_of_the_maker(mode, name):
     bench = Bench('odrive 0.6')
     bench.device.properties['axis0.controller.config.input_mode'] = mode
-    setting, = (item for item in bench.driver.read_settings() if item.name == 'input mode')
+    setting = bench.settings()['input mode']
     assert setting.value == f'{mode} ({name})' and setting.acceptable is (mode == 1)
 
 
@@ -127,7 +127,7 @@ def test_input_modes_have_the_names_of_the_maker(mode, name):
 def test_motor_types_have_the_names_of_the_maker(value, name):
     bench = Bench('odrive 0.5')
     bench.device.properties['axis0.motor.config.motor_type'] = value
-    setting, = (item for item in bench.driver.read_settings() if item.name == 'motor')
+    setting = bench.settings()['motor']
     assert name in setting.value and setting.acceptable is (value == 0)
 
 
@@ -198,8 +198,8 @@ def test_a_serial_number_that_comes_whole_is_reported_as_printed_on_the_board(mo
 
 @both
 def test_a_handshake_on_a_good_line_takes_few_markers_and_is_made_once(kind):
-    bench, kept = Bench(kind), []
-    bench.to_drive = lambda data: kept.append(data) or data
+    bench = Bench(kind)
+    kept = bench.sent()
     bench.driver.identify()
     bench.driver.read_settings()
     bench.driver.arm()
@@ -217,7 +217,7 @@ def test_a_serial_number_that_got_lost_takes_nothing_else_with_it(kind):
     bench = Bench(kind)
     bench.from_drive = lambda data: b'' if data.startswith(b'Hardware') else data
     assert bench.driver.identify().serial_number == ''
-    assert all(setting.acceptable for setting in bench.driver.read_settings())
+    assert not bench.refused()
 
 
 def test_a_drive_that_answers_without_checksums_is_of_another_protocol():
@@ -229,9 +229,9 @@ def test_a_drive_that_answers_without_checksums_is_of_another_protocol():
 
 
 def test_commands_name_the_motor_output_in_use():
-    bench, kept = Bench('odrive 0.5', axis=1), []
+    bench = Bench('odrive 0.5', axis=1)
     bench.driver.identify()
-    bench.to_drive = lambda data: kept.append(data) or data
+    kept = bench.sent()
     with refused('not_armed', 'axis1.controller.config.control_mode', DriveError):
         bench.driver.arm()
     bench.driver.feed()
@@ -278,11 +278,6 @@ def test_an_emulated_drive_of_another_firmware_is_refused():
 
 # Required settings
 
-def unacceptable(bench):
-    """Return the settings that are not acceptable."""
-    return [item for item in bench.driver.read_settings() if not item.acceptable]
-
-
 WRONG = {
     'odrive 0.5': [
         ('torque limit', {'axis0.motor.config.torque_lim': 0.3,
@@ -311,11 +306,11 @@ BOTH_WRONG = [
 def test_a_setting_that_is_not_safe_is_refused_and_set_right_by_its_remedy(kind, name, changes):
     bench = Bench(kind)
     bench.device.properties.update(changes)
-    wrong, = unacceptable(bench)
+    wrong, = bench.refused().values()
     assert wrong.name == name
     for line in wrong.remedy.split(', '):  # typed lines have no checksums
         bench.device.receive(f'{line}\n'.encode(), bench.now)
-    assert not unacceptable(bench)
+    assert not bench.refused()
 
 
 @pytest.mark.parametrize('kind, name, changes, reported', [
@@ -328,7 +323,7 @@ def test_an_encoder_that_is_not_ready_is_refused_and_its_state_is_named(
         kind, name, changes, reported):
     bench = Bench(kind)
     bench.device.properties.update(changes)
-    wrong, = unacceptable(bench)
+    wrong, = bench.refused().values()
     assert (wrong.name, wrong.value) == (name, reported)
     assert 'w axis0.requested_state 3 ' in wrong.remedy
 
@@ -341,15 +336,14 @@ def test_an_encoder_that_is_not_ready_is_refused_and_its_state_is_named(
 def test_a_property_that_the_drive_does_not_have_is_refused(kind, property_name):
     bench = Bench(kind)
     bench.to_drive = lambda data: data.replace(codec.read(property_name), codec.read('blahblah'))
-    wrong, = unacceptable(bench)
+    wrong, = bench.refused().values()
     assert wrong.value in ('unknown', 'off')
 
 
 def test_the_remedy_is_for_the_axis_in_use():
-    remedies = {item.name: item.remedy for item in Bench(
-        'odrive 0.5', axis=1).driver.read_settings()}
-    assert remedies['input mode'] == 'w axis1.controller.config.input_mode 1'
-    assert all('axis0' not in remedy for remedy in remedies.values())
+    settings = Bench('odrive 0.5', axis=1).settings()
+    assert settings['input mode'].remedy == 'w axis1.controller.config.input_mode 1'
+    assert all('axis0' not in item.remedy for item in settings.values())
 
 
 @pytest.mark.parametrize('constant', [-0.025, math.inf])
@@ -359,7 +353,7 @@ def test_a_torque_constant_that_bounds_nothing_is_not_a_limit(kind, constant):
     generation = GENERATIONS[KINDS.index(kind)]
     bench.device.properties.update({
         generation.torque_constant: constant, **dict.fromkeys(generation.torque_limits, 5.0)})
-    assert 'torque limit' in [item.name for item in unacceptable(bench)]
+    assert 'torque limit' in bench.refused()
 
 
 # Arming
@@ -473,10 +467,10 @@ def test_a_drive_that_takes_its_time_to_arm_is_waited_for_without_torque():
 @pytest.mark.parametrize('period, least, most', [(0.02, 45, 51), (0.1, 9, 11)])
 @both
 def test_one_property_is_asked_for_in_each_status_period(kind, period, least, most):
-    bench, kept = Bench(kind, status_period=period), []
+    bench = Bench(kind, status_period=period)
     bench.driver.arm()
     bench.cycles(60)
-    bench.to_drive = lambda data: kept.append(data) or data
+    kept = bench.sent()
     bench.cycles(500)
     names = [line.split()[1] for data in kept for line in data.splitlines() if line[:1] == b'r']
     assert least <= len(names) <= most
@@ -572,12 +566,12 @@ def test_an_old_reason_is_not_a_fault_of_a_motor_under_power():
 def test_an_estimate_that_is_missing_is_not_taken_for_a_position(kind):
     bench = Bench(kind)
     bench.driver.arm()
-    bench.device.sensed = bench.device.sensed._replace(position=2.0)
+    bench.sense(position=2.0)
     bench.cycles(50)
     bench.device.trip('no_estimate')
     bench.cycles(50)
     last = bench.driver.telemetry
-    bench.device.sensed = bench.device.sensed._replace(position=0.0)
+    bench.sense(position=0.0)
     assert bench.cycles(50)[:3] == last[:3] and last.position == pytest.approx(2.0, abs=1e-4)
 
 
@@ -595,7 +589,7 @@ def test_an_estimate_that_was_missing_once_does_not_hide_the_position_for_good()
 def test_a_value_that_is_not_a_number_is_not_put_into_the_telemetry(kind):
     bench = Bench(kind)
     bench.driver.arm()
-    bench.device.sensed = bench.device.sensed._replace(motor_temperature=math.nan)
+    bench.sense(motor_temperature=math.nan)
     telemetry = bench.cycles(400, torque=0.01)
     assert telemetry.motor_temperature is None and telemetry.temperature == 35.0
     assert bench.driver.counts['lost'] == 0

@@ -36,12 +36,6 @@ def without(command):
         record(frame) for frame in frames(data) if frame.identifier & 0x1F != command)
 
 
-def setting(bench, name):
-    """Return one of the settings."""
-    found, = (item for item in bench.driver.read_settings() if item.name == name)
-    return found
-
-
 def test_the_frames_are_those_of_the_maker_s_examples():
     # can_simple.py of ODriveResources: state 8 as '<I' to node << 5 | 0x07, and so on.
     assert frames(codec.set_state(3, 8)) == [CanFrame(0x67, b'\x08\0\0\0')]
@@ -116,8 +110,7 @@ def test_to_a_0_5_each_frame_is_a_command_and_so_a_request_goes_with_no_torque()
         bench.pass_time(0.001)
         bench.device.receive(codec.ask(0, codec.IQ), bench.now)
     assert bench.device.torque() == pytest.approx(0.05)
-    sent = []
-    bench.to_drive = lambda data: sent.append(data) or data
+    sent = bench.sent()
     bench.driver.ask()
     assert commands(sent[0])[0] == codec.SET_INPUT_TORQUE and bench.device.torque() == 0.0
 
@@ -129,7 +122,7 @@ def test_the_watchdog_of_a_0_5_is_tried_despite_a_confirmation(watchdog, expires
     said = {**bench.driver.options.confirmed, 'axis0.config.enable_watchdog': 1,
             'axis0.config.watchdog_timeout': 0.1}
     bench.driver.options = replace(bench.driver.options, confirmed=said)
-    settings = {item.name: item for item in bench.driver.read_settings()}
+    settings = bench.settings()
     assert settings['watchdog'].acceptable
     tried = settings['watchdog, tried']
     assert tried.acceptable is expires and 'watchdog_timeout = 0.1' in tried.remedy
@@ -144,7 +137,7 @@ def test_the_watchdog_is_not_tried_on_a_motor_under_power():
     bench = Bench(KINDS[0])
     bench.driver.arm()
     bench.cycles(3, torque=0.02)
-    tried = setting(bench, 'watchdog, tried')
+    tried = bench.settings()['watchdog, tried']
     assert (tried.value, tried.acceptable) == ('not tried', False) and 'power' in tried.remedy
 
 
@@ -153,7 +146,7 @@ def test_a_setting_neither_reported_nor_confirmed_is_refused_by_name():
     confirmed = dict(bench.driver.options.confirmed)
     del confirmed['axis0.motor.config.torque_lim']
     bench.driver.options = replace(bench.driver.options, confirmed=confirmed)
-    settings = {item.name: item for item in bench.driver.read_settings()}
+    settings = bench.settings()
     limit, lacking = settings['torque limit'], settings['settings read or confirmed']
     assert (limit.value, limit.acceptable) == ('unknown', False)
     assert limit.remedy == 'odrv0.axis0.motor.config.torque_lim = 0.1'
@@ -165,7 +158,7 @@ def test_a_setting_neither_reported_nor_confirmed_is_refused_by_name():
 def test_a_0_5_without_a_confirmed_version_is_refused():
     bench = Bench(KINDS[0], firmware='')
     assert bench.driver.identify().generation == '0.5'
-    unnamed = setting(bench, 'firmware')
+    unnamed = bench.settings()['firmware']
     assert not unnamed.acceptable and 'firmware' in unnamed.remedy
 
 
@@ -183,7 +176,7 @@ def test_confirmed_settings_are_names_with_numbers(confirmed):
 
 def test_without_the_list_of_its_endpoints_a_0_6_is_refused_with_where_to_get_it():
     bench = Bench(KINDS[1], endpoints='')
-    lacking = setting(bench, 'settings read or confirmed')
+    lacking = bench.settings()['settings read or confirmed']
     assert not lacking.acceptable
     assert 'flat_endpoints.json' in lacking.remedy and '0.6.11' in lacking.remedy
 
@@ -191,7 +184,7 @@ def test_without_the_list_of_its_endpoints_a_0_6_is_refused_with_where_to_get_it
 def test_confirmed_settings_do_not_count_for_a_drive_that_reports_its_settings():
     old = Bench(KINDS[0])
     bench = Bench(KINDS[1], endpoints='', confirmed=old.driver.options.confirmed)
-    assert not setting(bench, 'torque limit').acceptable
+    assert not bench.settings()['torque limit'].acceptable
 
 
 def test_a_list_of_another_firmware_is_refused(tmp_path):
@@ -217,7 +210,7 @@ def test_a_heartbeat_that_comes_seldom_is_refused(kind):
             (10, True), (20, True), (50, False), (100, False), (0, False)):
         bench.device.properties[bench.device.heartbeat_rate] = milliseconds
         bench.pass_time(0.2)
-        found = setting(bench, 'heartbeat')
+        found = bench.settings()['heartbeat']
         assert found.acceptable is acceptable, (milliseconds, found)
     assert 'rate_ms = 10' in found.remedy
 
@@ -225,7 +218,7 @@ def test_a_heartbeat_that_comes_seldom_is_refused(kind):
 @both
 def test_a_drive_as_from_the_factory_is_refused_for_all_that_is_wrong(kind):
     bench = Bench(kind, DriveSettings(quirks=('factory',)), speed_limit=600.0)
-    wrong = {item.name for item in bench.driver.read_settings() if not item.acceptable}
+    wrong = set(bench.refused())
     assert wrong >= {'torque limit', 'watchdog', 'heartbeat', 'velocity limit in torque mode',
                      'overspeed error', 'braking'}
     assert ('watchdog, tried' in wrong) is (kind == KINDS[0])
@@ -275,13 +268,13 @@ def test_errors_are_cleared_without_power_and_only_then(kind):
 def test_an_encoder_that_failed_gives_no_position(kind):
     bench = Bench(kind)
     bench.driver.identify()
-    bench.device.sensed = bench.device.sensed._replace(position=3.0)
+    bench.sense(position=3.0)
     before = bench.cycles(20, torque=None)
     assert before.position == pytest.approx(3.0)
     bench.device.trip('no_estimate')
     bench.cycles(20, torque=None)
     lost = bench.now
-    bench.device.sensed = bench.device.sensed._replace(position=0.0)
+    bench.sense(position=0.0)
     after = bench.cycles(20, torque=None)
     assert after.time < lost and after.position == pytest.approx(3.0)
 
@@ -336,8 +329,7 @@ def test_of_four_simultaneous_answers_a_0_5_loses_one():
 
 def test_the_torque_is_the_first_frame_of_a_stop_and_power_off_the_second():
     bench = Bench(KINDS[0])
-    sent = []
-    bench.to_drive = lambda data: sent.append(data) or data
+    sent = bench.sent()
     bench.driver.send_stop()
     assert commands(sent[0])[:2] == [codec.SET_INPUT_TORQUE, codec.SET_AXIS_STATE]
     assert frames(sent[0])[0].data == bytes(4)
@@ -357,7 +349,7 @@ def test_positions_that_are_sent_cyclically_are_refused(kind):
     bench = Bench(kind)
     cyclic = codec.frame(0, codec.ENCODER_ESTIMATES, bytes(8))
     bench.from_drive = lambda data: data + cyclic * (len(data) > 0)
-    found = setting(bench, 'positions')
+    found = bench.settings()['positions']
     assert not found.acceptable and 'encoder_' in found.remedy
     bench.from_drive = lambda data: data
-    assert setting(bench, 'positions').acceptable
+    assert bench.settings()['positions'].acceptable

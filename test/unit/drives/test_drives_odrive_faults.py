@@ -159,7 +159,7 @@ def test_a_motor_that_cannot_be_armed_names_the_part():
 def test_a_register_that_is_not_answered_does_not_hide_what_keeps_a_motor_from_being_armed(silent):
     bench = Bench('odrive 0.5')
     bench.driver.identify()
-    bench.device.sensed = bench.device.sensed._replace(temperature=200.0)
+    bench.sense(temperature=200.0)
     bench.to_drive = lambda data: b'' if f'r {silent} '.encode() in data else data
     with refused('not_armed', 'drive', DriveError) as caught:
         bench.driver.arm()
@@ -171,7 +171,7 @@ def test_reading_the_reasons_of_a_refused_arming_is_part_of_its_timeout(kind):
     bench = Bench(kind)
     bench.driver.identify()
     bench._delay = 0.045  # of each reply
-    bench.device.sensed = bench.device.sensed._replace(temperature=200.0)
+    bench.sense(temperature=200.0)
     begin = bench.now
     with refused('not_armed', 'drive', DriveError):
         bench.driver.arm(0.2)
@@ -187,7 +187,7 @@ def test_an_error_has_the_same_text_on_a_serial_line_and_on_a_bus(generation):
         with refused('not_clearable', 'motor', DriveError) as powered:
             bench.driver.clear_faults()
         bench.driver.stop()
-        bench.device.sensed = bench.device.sensed._replace(temperature=200.0)
+        bench.sense(temperature=200.0)
         with refused('not_armed', 'drive', DriveError) as hot:
             bench.driver.arm()
         first, _, rest = str(hot.value).partition(' reports ')
@@ -204,7 +204,7 @@ def test_faults_are_cleared_and_those_that_stay_are_named(kind):
     bench.device.over_current()
     assert bench.driver.clear_faults() == ()
     assert bench.cycles(100, torque=None).faults == ()
-    bench.device.sensed = bench.device.sensed._replace(temperature=200.0)
+    bench.sense(temperature=200.0)
     reports = bench.driver.clear_faults()
     assert 'INVERTER_OVER_TEMP' in reports or 'MOTOR_ERROR_FET_THERMISTOR_OVER_TEMP' in reports
     assert not bench.device.armed
@@ -229,7 +229,7 @@ def test_current_from_the_supply_and_back_into_it_is_reported(kind):
     bench = armed(kind)
     bench.cycles(120, torque=0.05)
     assert bench.driver.telemetry.bus_current == pytest.approx(3.125 * 2.0**2 / 24.0, abs=1e-5)
-    bench.device.sensed = bench.device.sensed._replace(velocity=-600.0)
+    bench.sense(velocity=-600.0)
     bench.cycles(120, torque=0.05)
     assert bench.driver.telemetry.bus_current == pytest.approx(
         (3.125 * 2.0**2 - 0.05 * 600.0) / 24.0, abs=1e-5)
@@ -240,9 +240,9 @@ def test_a_drive_that_takes_torque_away_because_it_is_hot_warns(kind):
     bench = armed(kind)
     bench.driver.read_settings()
     assert bench.cycles(120).warnings == ()
-    bench.device.sensed = bench.device.sensed._replace(temperature=85.0)
+    bench.sense(temperature=85.0)
     assert bench.cycles(120).warnings == ('effective_current_lim 2 A',)
-    bench.device.sensed = bench.device.sensed._replace(temperature=35.0)
+    bench.sense(temperature=35.0)
     assert bench.cycles(120).warnings == ()
 
 

@@ -147,15 +147,10 @@ def test_a_hot_drive_takes_current_away_before_it_trips():
     device.receive(b'c 0 1.0\n', 1.0)
     limits = []
     for temperature in (35.0, 75.0, 85.0, 95.0, 99.0):
-        device.sensed = replace_temperature(device.sensed, temperature)
+        device.sensed = device.sensed._replace(temperature=temperature)
         limits.append(float(ask(device, 'r axis0.motor.effective_current_lim')))
         assert device.torque() == pytest.approx(0.025 * limits[-1])
     assert limits == [4.0, 4.0, 2.0, 0.0, 0.0] and device.armed
-
-
-def replace_temperature(sensed, temperature):
-    """Return `sensed` with another temperature of the power stage."""
-    return sensed._replace(temperature=temperature)
 
 
 # Settings

@@ -26,11 +26,6 @@ def bench(kind, *quirks):
         torque_limit=options.torque_limit, speed_limit=options.speed_limit)
 
 
-def refused(here):
-    """Return the settings that are not acceptable, by name."""
-    return {item.name: item for item in here.driver.read_settings() if not item.acceptable}
-
-
 def type_lines(here, remedy):
     """Send the commands of a remedy as lines without checksums, as in a terminal."""
     for line in remedy.split(', '):
@@ -47,7 +42,7 @@ def test_the_overspeed_error_of_the_factory_comes_at_7_cm_per_second_of_gimball(
 @both
 def test_all_that_the_factory_leaves_open_is_refused_and_set_right_by_the_remedy(kind):
     here = bench(kind, 'factory')
-    wrong = refused(here)
+    wrong = here.refused()
     calibrated = {'odrive 0.5': 'encoder', 'odrive 0.6': 'commutation'}[kind]
     assert set(wrong) == {'torque limit', 'watchdog', VELOCITY, OVERSPEED, BRAKING, calibrated}
     velocity = {'odrive 0.5': '2', 'odrive 0.6': '10'}[kind]
@@ -58,28 +53,28 @@ def test_all_that_the_factory_leaves_open_is_refused_and_set_right_by_the_remedy
     here.pass_time(3.0)
     for item in wrong.values():
         type_lines(here, item.remedy)
-    assert not refused(here)
+    assert not here.refused()
     if kind == 'odrive 0.5':  # for an encoder with an index, or an absolute one
         here.device.receive(b'w axis0.encoder.config.pre_calibrated 1\n', here.now)
     here.device.receive(b'ss\n', here.now)
     here.pass_time(0.2)
-    assert not refused(here)
+    assert not here.refused()
     here.driver.arm()
 
 
 @both
 def test_an_unfed_watchdog_spoils_a_calibration(kind):
     here = bench(kind, 'factory')
-    remedy = refused(here)['watchdog'].remedy
+    remedy = here.refused()['watchdog'].remedy
     type_lines(here, f'{remedy}, w axis0.requested_state 3')
     here.pass_time(3.0)
-    assert {'encoder', 'commutation'} & set(refused(here))
+    assert {'encoder', 'commutation'} & set(here.refused())
 
 
 @both
 def test_an_accepted_limit_acts_only_on_a_runaway_and_lets_it_brake(kind):
     here = bench(kind, 'vel_limit', 'regeneration')
-    for item in refused(here).values():
+    for item in here.refused().values():
         type_lines(here, item.remedy)
     options = here.driver.options
     here.driver.arm()
@@ -87,7 +82,7 @@ def test_an_accepted_limit_acts_only_on_a_runaway_and_lets_it_brake(kind):
     for velocity, torque in ((fastest, options.torque_limit), (-fastest, options.torque_limit),
                              (fastest, -options.torque_limit), (fastest, 0.0),
                              (fastest, -0.3 * options.torque_limit)):
-        here.device.sensed = here.device.sensed._replace(velocity=velocity)
+        here.sense(velocity=velocity)
         here.cycles(5, torque)
         assert here.device.armed and here.device.torque() == pytest.approx(torque, abs=1e-5)
 
@@ -108,12 +103,12 @@ def test_an_accepted_limit_acts_only_on_a_runaway_and_lets_it_brake(kind):
 def test_a_limit_of_the_drive_counts_where_it_is_switched_on(kind, changes, names):
     here = bench(kind)
     here.device.properties.update({CONTROLLER + name: value for name, value in changes.items()})
-    wrong = refused(here)
+    wrong = here.refused()
     assert set(wrong) == names
     for item in wrong.values():
         assert CONTROLLER in item.remedy
         type_lines(here, item.remedy)
-    assert not refused(here)
+    assert not here.refused()
 
 
 BRAKE = {'odrive 0.5': ('config.enable_brake_resistor', 'config.brake_resistance'),
@@ -133,7 +128,7 @@ def test_the_energy_of_braking_must_go_somewhere(
     here.device.properties.update(dict(zip(BRAKE[kind], (enabled, resistance))))
     here.device.properties.update({
         'config.dc_max_negative_current': back, 'config.max_regen_current': allowed})
-    assert ({BRAKING} if not accepted else set()) == set(refused(here))
+    assert ({BRAKING} if not accepted else set()) == set(here.refused())
 
 
 @both
@@ -141,7 +136,7 @@ def test_a_board_without_a_brake_resistor_may_still_charge_a_battery(kind):
     here = bench(kind)
     enabled, resistance = map(codec.read, BRAKE[kind])
     here.to_drive = lambda data: codec.read('blahblah') if data in (enabled, resistance) else data
-    assert not refused(here)
+    assert not here.refused()
 
 
 @pytest.mark.parametrize('name', [
@@ -151,14 +146,14 @@ def test_a_board_without_a_brake_resistor_may_still_charge_a_battery(kind):
 def test_a_limit_that_is_not_known_is_not_accepted(kind, name):
     here = bench(kind)
     here.to_drive = lambda data: data.replace(codec.read(name), codec.read('blahblah'))
-    assert refused(here)
+    assert here.refused()
 
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_without_a_speed_of_the_robot_any_speed_limit_is_accepted(kind):
     here = Bench(kind, DriveSettings(quirks=('vel_limit', 'regeneration')))
     here.device.properties[CONTROLLER + 'vel_limit'] = 10.0
-    assert not refused(here)
+    assert not here.refused()
 
 
 @pytest.mark.parametrize('revision', [1, 3])
@@ -180,7 +175,6 @@ def test_the_braking_that_is_asked_for_is_enough_where_it_is_a_round_number(kind
     here = bench(kind, 'regeneration')
     options = here.driver.options
     # Half an ampere at a runaway: the checked value must be below that of the remedy.
-    here.device.sensed = here.device.sensed._replace(
-        bus_voltage=1.5 * options.speed_limit * options.torque_limit / 0.5)
-    type_lines(here, refused(here)[BRAKING].remedy)
-    assert BRAKING not in refused(here)
+    here.sense(bus_voltage=1.5 * options.speed_limit * options.torque_limit / 0.5)
+    type_lines(here, here.refused()[BRAKING].remedy)
+    assert BRAKING not in here.refused()

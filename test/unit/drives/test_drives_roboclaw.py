@@ -9,10 +9,7 @@ from refusals import refused
 
 from ballbot_ros.drives.contract import bit_names
 from ballbot_ros.drives.emulated_device import DriveSettings
-from ballbot_ros.drives.memory_line import MemoryLine
 from ballbot_ros.drives.roboclaw import codec
-from ballbot_ros.drives.roboclaw.driver import RoboClaw
-from ballbot_ros.drives.roboclaw.emulated import RoboClawDevice
 from ballbot_ros.errors import DriveError
 
 
@@ -22,13 +19,6 @@ def bench():
     made = Bench('roboclaw')
     made.driver.arm()
     return made
-
-
-def written(bench):
-    """Return a list that records the further writes of the driver."""
-    kept = []
-    bench.to_drive = lambda data: kept.append(data) or data
-    return kept
 
 
 def reply(bench, number, *values):
@@ -54,7 +44,7 @@ def test_answers_have_the_lengths_of_the_manual():
 
 def test_the_other_motor_has_commands_of_its_own():
     bench = Bench('roboclaw', axis=1, address=0x80)
-    kept = written(bench)
+    kept = bench.sent()
     bench.driver.identify()
     bench.driver.read_settings()
     bench.driver.arm()
@@ -71,7 +61,7 @@ def test_a_version_has_a_name_and_a_number():
 
 
 def test_no_torque_needs_no_voltage_at_any_speed(bench):
-    bench.device.sensed = bench.device.sensed._replace(velocity=200.0)
+    bench.sense(velocity=200.0)
     bench.cycles(20, torque=0.05)
     bench.cycles(1, torque=0.0)
     assert bench.device.torque() == 0.0
@@ -79,7 +69,7 @@ def test_no_torque_needs_no_voltage_at_any_speed(bench):
 
 def test_the_voltage_of_a_torque_is_that_of_resistance_and_speed(bench):
     for velocity in (-150.0, 0.0, 120.0):
-        bench.device.sensed = bench.device.sensed._replace(velocity=velocity)
+        bench.sense(velocity=velocity)
         bench.cycles(20, torque=-0.03)
         assert bench.device.torque() == pytest.approx(-0.03, abs=5e-4)
 
@@ -98,7 +88,7 @@ def test_a_supply_voltage_of_a_second_ago_scales_no_torque(bench):
 
 def test_requests_repeat_no_command_that_is_fresh_and_release_one_that_is_old(bench):
     bench.cycles(5, torque=0.02)
-    kept, duty = written(bench), codec.set_duty(0x80, 0, 0.0)
+    kept, duty = bench.sent(), codec.set_duty(0x80, 0, 0.0)
     bench.driver.ask()
     assert len(kept) == 1 and duty[:2] not in kept[0]
     bench.pass_time(0.11)
@@ -118,7 +108,7 @@ def test_feeding_counts_as_a_command_for_the_requests(bench):
 
 
 def test_every_slow_value_is_asked_for_in_turn_and_the_status_every_other_time(bench):
-    kept = written(bench)
+    kept = bench.sent()
     bench.cycles(600)
     firsts = [frame[6:8] for frame in kept if frame[7] not in (16, 30)]
     assert len(firsts) == pytest.approx(120, abs=2)  # one in 10 ms
@@ -131,7 +121,7 @@ def test_every_slow_value_is_asked_for_in_turn_and_the_status_every_other_time(b
 def test_the_position_goes_on_where_the_counter_of_the_encoder_wraps(bench, turns):
     start = bench.cycles(10).position
     for position in (2.0e6, 4.0e6, 6.0e6, 3.5e6):  # the counter wraps at 3.29e6 rad
-        bench.device.sensed = bench.device.sensed._replace(position=turns * position)
+        bench.sense(position=turns * position)
         assert bench.cycles(10).position - start == pytest.approx(turns * position, abs=2e-3)
 
 
@@ -154,7 +144,7 @@ def test_the_status_names_errors_and_warnings(sensed, faults, warnings):
     bench = Bench('roboclaw')
     bench.driver.identify()
     bench.driver.arm()
-    bench.device.sensed = bench.device.sensed._replace(**sensed)
+    bench.sense(**sensed)
     telemetry = bench.cycles(30, torque=0.01)
     assert (telemetry.faults, telemetry.warnings) == (faults, warnings)
     assert telemetry.armed is (not faults)
@@ -199,8 +189,8 @@ def test_a_warning_does_not_keep_the_motor_from_being_armed():
 @pytest.mark.parametrize('before', [0.0, 0.1, 5.0])
 def test_the_serial_timeout_is_set_at_each_start_in_tenths_of_a_second(watchdog, tenths, before):
     bench = Bench('roboclaw', DriveSettings(watchdog=before), watchdog=watchdog)
-    kept = written(bench)
-    judged = {item.name: item for item in bench.driver.read_settings()}
+    kept = bench.sent()
+    judged = bench.settings()
     assert judged['watchdog'].acceptable and bench.device._timeout == tenths
     assert judged['watchdog'].value == f'{0.1 * tenths:g} s'
     assert any(frame.startswith(bytes((0x80, 14, tenths))) for frame in kept)
@@ -213,14 +203,13 @@ def test_a_serial_timeout_that_stays_otherwise_is_judged(watchdog, timeout, acce
     bench = Bench('roboclaw', watchdog=watchdog)
     reply(bench, codec.GET_TIMEOUT, timeout)
     bench.to_drive = lambda data: data[5:] if data[1] == 14 else data
-    judged = {item.name: item.acceptable for item in bench.driver.read_settings()}
-    assert judged['watchdog'] is acceptable
+    assert bench.settings()['watchdog'].acceptable is acceptable
 
 
 def test_firmware_without_a_serial_timeout_is_refused_with_what_to_do():
     bench = Bench('roboclaw', DriveSettings(quirks=('no_timeout',)))
     bench.driver.identify()
-    bad, = (item for item in bench.driver.read_settings() if not item.acceptable)
+    bad, = bench.refused().values()
     assert (bad.name, bad.value) == ('watchdog', 'unknown') and 'firmware' in bad.remedy
 
 
@@ -228,9 +217,8 @@ def test_firmware_without_a_serial_timeout_is_refused_with_what_to_do():
     (9.9, False), (10.1, True), (33.9, True), (34.1, False)])
 def test_the_supply_must_lie_where_the_drive_lets_the_motor_have_it(supply, acceptable):
     bench = Bench('roboclaw')
-    bench.device.sensed = bench.device.sensed._replace(bus_voltage=supply)
-    judged = {item.name: item.acceptable for item in bench.driver.read_settings()}
-    assert judged['supply'] is acceptable
+    bench.sense(bus_voltage=supply)
+    assert bench.settings()['supply'].acceptable is acceptable
 
 
 def test_answers_to_a_lost_group_do_not_confirm_a_stop(bench):
@@ -266,15 +254,10 @@ def test_a_text_without_an_end_is_not_an_answer():
 def test_the_current_that_is_asked_for_is_one_that_the_drive_can_keep_and_is_accepted():
     settings = DriveSettings(torque_limit=10.0, current_limit=60.0)
     for limit in (0.3 / 45.0, 0.1, 0.0889, 0.0123):
-        device = RoboClawDevice(settings)
-        line = MemoryLine(device)
-        driver = RoboClaw(line, RoboClaw.Options(torque_limit=limit), line.clock)
-        driver.identify()
-        asked = next(item for item in driver.read_settings() if item.name == 'torque limit')
-        amperes = float(asked.remedy.split()[-2])
-        device.settings = replace(settings, current_limit=amperes)
-        assert next(item for item in driver.read_settings()
-                    if item.name == 'torque limit').acceptable, (limit, amperes)
+        bench = Bench('roboclaw', settings, torque_limit=limit)
+        amperes = float(bench.refused()['torque limit'].remedy.split()[-2])
+        bench.device.settings = replace(settings, current_limit=amperes)
+        assert bench.settings()['torque limit'].acceptable, (limit, amperes)
 
 
 def test_a_command_that_is_not_answered_is_named_by_its_number(bench):

@@ -158,7 +158,7 @@ def test_a_motor_without_encoder_has_the_position_of_its_commutation():
     bench.driver.arm()
     start = bench.cycles(10).position
     for position in (0.5, 7.0, -40.0):
-        bench.device.sensed = bench.device.sensed._replace(position=position)
+        bench.sense(position=position)
         assert bench.cycles(10).position - start == pytest.approx(position, abs=math.tau / 42)
     assert len({bench.cycles(1).position for bench.device.sensed in (
         bench.device.sensed._replace(position=0.01 * step) for step in range(15))}) <= 2
@@ -168,7 +168,7 @@ def test_a_motor_without_encoder_has_the_position_of_its_commutation():
 def test_the_speed_is_that_of_the_shaft_and_not_the_electrical_one(pairs):
     bench = Bench('vesc', DriveSettings(pole_pairs=pairs), pole_pairs=pairs)
     bench.driver.arm()
-    bench.device.sensed = bench.device.sensed._replace(velocity=90.0)
+    bench.sense(velocity=90.0)
     assert bench.cycles(10).velocity == pytest.approx(90.0, rel=1e-3)
 
 
@@ -214,12 +214,12 @@ def test_under_power_the_status_is_reported_by_its_names(bench, status, faults):
 
 def test_a_kill_switch_keeps_the_motor_from_being_armed_and_is_named():
     bench = Bench('vesc', DriveSettings(quirks=('kill_switch',)))
-    bench.device.sensed = bench.device.sensed._replace(stop_switch=1.0)
+    bench.sense(stop_switch=1.0)
     bench.pass_time(0.02)
     with refused('not_armed', 'drive', DriveError):
         bench.driver.arm()
     assert bench.driver.telemetry.faults == ('KILL_SW_ACTIVE',)
-    bench.device.sensed = bench.device.sensed._replace(stop_switch=0.0)
+    bench.sense(stop_switch=0.0)
     bench.pass_time(0.03)
     bench.driver.arm()
     assert bench.cycles(20, torque=0.05).faults == () and bench.device.torque() > 0.0
@@ -230,7 +230,7 @@ def test_faults_are_waited_for_as_nothing_clears_them_sooner(bench):
     begin = bench.now
     assert bench.driver.clear_faults() == ()
     assert bench.now - begin == pytest.approx(0.5, abs=0.02)
-    bench.device.sensed = bench.device.sensed._replace(temperature=150.0)
+    bench.sense(temperature=150.0)
     bench.pass_time(0.002)
     with refused('not_clearable', 'drive', DriveError) as caught:
         bench.driver.clear_faults(timeout=0.2)
@@ -241,7 +241,7 @@ def test_faults_are_waited_for_as_nothing_clears_them_sooner(bench):
 
 
 def test_the_current_of_the_supply_is_reported(bench):
-    bench.device.sensed = bench.device.sensed._replace(velocity=300.0)
+    bench.sense(velocity=300.0)
     assert bench.cycles(20, torque=0.05).bus_current == pytest.approx(
         (0.05 * 300.0 + 3.125 * 2.0**2) / 24.0, abs=0.01)
     assert bench.cycles(20, torque=-0.05).bus_current < 0.0
