@@ -11,8 +11,7 @@ from ballbot_ros.drives.odrive.firmware import (
     SENSORLESS_5, STATE, SYSTEM_5)
 from ballbot_ros.errors import DriveError
 
-KINDS = ('odrive 0.5', 'odrive 0.6')
-both = pytest.mark.parametrize('kind', KINDS)
+both = pytest.mark.parametrize('kind', ('odrive 0.5', 'odrive 0.6'))
 REGISTERS = (AXIS_5, MOTOR_5, ENCODER_5, CONTROLLER_5, SENSORLESS_5, SYSTEM_5, AXIS_6)
 
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Required settings of an ODrive for a robot: its own limits, and the energy of braking."""
 import math
-import re
 
 from drive_bench import Bench
 import pytest
@@ -9,11 +8,9 @@ import pytest
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.drives.odrive.ascii import codec
-from ballbot_ros.errors import DriveError
 from ballbot_ros.physics import load_robot
 
-KINDS = ('odrive 0.5', 'odrive 0.6')
-both = pytest.mark.parametrize('kind', KINDS)
+both = pytest.mark.parametrize('kind', ('odrive 0.5', 'odrive 0.6'))
 VELOCITY, OVERSPEED, BRAKING = 'velocity limit in torque mode', 'overspeed error', 'braking'
 CONTROLLER = 'axis0.controller.config.'
 
@@ -149,20 +146,11 @@ def test_a_limit_that_is_not_known_is_not_accepted(kind, name):
     assert here.refused()
 
 
-@pytest.mark.parametrize('kind', KINDS)
+@both
 def test_without_a_speed_of_the_robot_any_speed_limit_is_accepted(kind):
     here = Bench(kind, DriveSettings(quirks=('vel_limit', 'regeneration')))
     here.device.properties[CONTROLLER + 'vel_limit'] = 10.0
     assert not here.refused()
-
-
-@pytest.mark.parametrize('revision', [1, 3])
-def test_firmware_before_0_5_4_is_refused_by_name(revision):
-    here = Bench('odrive 0.5')
-    here.device.properties['fw_version_revision'] = revision
-    with pytest.raises(DriveError, match=re.escape(f'0.5.{revision}')) as raised:
-        here.driver.identify()
-    assert (raised.value.reason, raised.value.field) == ('firmware', 'firmware')
 
 
 def test_firmware_0_5_4_is_accepted():

@@ -102,9 +102,10 @@ def test_a_firmware_has_version_board_and_serial_number():
 
 def test_faults_have_the_names_of_the_firmware():
     # mc_fault_code in datatypes.h
-    for number, name in ((1, 'OVER_VOLTAGE'), (4, 'ABS_OVER_CURRENT'), (33, 'ABS_OVERSPEED')):
+    for number, name in ((1, 'OVER_VOLTAGE'), (4, 'ABS_OVER_CURRENT'), (5, 'OVER_TEMP_FET'),
+                         (33, 'ABS_OVERSPEED'), (34, 'FAULT_34'), (77, 'FAULT_77')):
         assert codec.fault_names(number) == (name,)
-    assert codec.fault_names(34) == ('FAULT_34',)
+    assert codec.fault_names(0) == ()
 
 
 def test_skipped_bytes_and_wrong_checksums_are_counted():
