@@ -10,6 +10,7 @@ from refusals import refused
 import serial
 
 from ballbot_ros.drives import codec_of, driver_class, line_of, SERIAL
+from ballbot_ros.drives.contract import WireBudget
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.emulator.terminal import BIT_RATES
 from ballbot_ros.errors import ConfigurationError, DriveError, MessageError
@@ -430,7 +431,11 @@ def test_the_budget_covers_what_really_goes_over_the_line(bench, kind):
     assert max(received) <= budget.bytes_in <= max(received) + spare[1]
 
 
-@pytest.mark.parametrize('kind', KINDS)
+def test_a_byte_takes_ten_bits_each_way():
+    assert WireBudget(30, 18).duration(9600) == pytest.approx(0.05)
+    assert WireBudget(30, 18).highest_rate(9600) == pytest.approx(20.0)
+
+
 @pytest.mark.parametrize('voltage, temperature', [(0.0, -40.0), (1000.0, 1000.0)])
 def test_a_drive_reports_at_the_ends_of_what_can_be_set(kind, voltage, temperature):
     bench = Bench(kind)
