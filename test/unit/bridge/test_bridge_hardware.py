@@ -45,6 +45,13 @@ def test_shipped_hardware_is_feasible_and_marks_assumed_values(name):
 
 
 @pytest.mark.parametrize('name', SHIPPED)
+def test_shipped_files_of_one_robot_differ_only_in_their_drive(name):
+    hardware, first = load_hardware(name), load_hardware('gimball_odrive')
+    for section in ('joint', 'limits', 'battery', 'thermal'):
+        assert getattr(hardware, section) == getattr(first, section), section
+
+
+@pytest.mark.parametrize('name', SHIPPED)
 def test_the_battery_fits_the_motor_of_the_robot(name):
     hardware = load_hardware(name)
     battery, motor = hardware.battery, load_robot(hardware.robot).motor
