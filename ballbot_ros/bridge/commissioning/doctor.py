@@ -211,7 +211,7 @@ def probe(port: str, protocol: str, baud: int,
                 line.close()
             return name, rate
         except DriveError as error:
-            if error.reason == 'firmware':  # the right protocol, unsupported firmware
+            if error.reason in ('firmware', 'late'):  # the right protocol all the same
                 return name, rate
         except LinkError as error:
             if error.reason != 'bad_baud':

@@ -210,7 +210,7 @@ def test_the_port_is_closed_after_any_answer_of_the_drive(fails, monkeypatch):
 class Port:
     """A port on which one protocol answers at one baud rate."""
 
-    def __init__(self, monkeypatch, protocol, baud, error=None):
+    def __init__(self, monkeypatch, protocol, baud, error=None, answer=None):
         self.tried = []
 
         class Line:
@@ -228,6 +228,8 @@ class Port:
             def identify(timeout):
                 if (name, link.rate) != (protocol, baud):
                     raise DriveError('no answer', 'silent', 'drive')
+                if answer is not None:
+                    raise answer
             return SimpleNamespace(identify=identify)
         monkeypatch.setattr(doctor, 'open_line', Line)
         monkeypatch.setattr(doctor, 'open_driver', driver)
@@ -241,6 +243,12 @@ def test_the_most_likely_settings_are_tried_first_and_none_twice(monkeypatch):
         'vesc', 'odrive', 'roboclaw'}
     assert {rate for _, rate in port.tried[:3]} == {921600}
     assert len(set(port.tried)) == len(port.tried) == len(said)
+
+
+@pytest.mark.parametrize('reason', ['late', 'firmware'])
+def test_a_drive_that_cannot_be_used_is_found_all_the_same(monkeypatch, reason):
+    Port(monkeypatch, 'vesc', 115200, answer=DriveError('not usable', reason, 'drive'))
+    assert probe('x') == ('vesc', 115200)
 
 
 def test_every_protocol_is_tried_at_every_rate_that_it_supports(monkeypatch):
