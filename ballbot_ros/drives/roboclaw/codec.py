@@ -14,7 +14,6 @@ it has no commands 14 and 15, and its status has 16 bits.
 """
 from binascii import crc_hqx
 from collections import Counter
-from functools import lru_cache
 import struct
 from typing import NamedTuple, Optional, Sequence
 
@@ -93,7 +92,6 @@ def set_timeout(address: int, tenths: int) -> bytes:
     return command(address, SET_TIMEOUT, bytes((tenths,)))
 
 
-@lru_cache
 def crc_of_request(address: int, number: int) -> int:
     """Return the CRC of a request, the initial value of the CRC of its answer."""
     return crc_hqx(ask(address, number), 0)
