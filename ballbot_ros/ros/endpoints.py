@@ -55,6 +55,29 @@ def create_wall_timer(node: Node, period: float, callback: Callable[[], None]) -
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
+class TopicTimeout:
+    """
+    Calls a function after a number of seconds of wall time without messages on a topic.
+
+    The time of a pause does not count: a paused simulator publishes neither messages nor the time.
+    """
+
+    def __init__(self, node: Node, topic: str, limit: int, callback: Callable[[], None]):
+        self._node, self._topic, self.limit, self._callback = node, topic, limit, callback
+        self._seconds, self._time = 0, node.get_clock().now()
+        create_wall_timer(node, 1.0, self._count)
+
+    def restart(self) -> None:
+        """Start again, because of a message."""
+        self._seconds = 0
+
+    def _count(self) -> None:
+        last, self._time = self._time, self._node.get_clock().now()
+        self._seconds += self._time != last or not self._node.count_publishers(self._topic)
+        if self._seconds > self.limit:
+            self._callback()
+
+
 def subscribe_e_stop(node: Node, callback: Callable[[bool], None]) -> None:
     """
     Subscribe to the e-stop of each publisher, of either durability.

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Start a node, spin it, and shut it down completely."""
 import ast
+from contextlib import ExitStack
 import faulthandler
 import gc
 import os
@@ -175,15 +176,14 @@ def run_together(make_nodes: Sequence[Callable[[], Node]],
         return EXIT_REFUSED
     finally:
         making = False
-        for node in nodes:
-            make_safe = getattr(node, 'make_safe', None)
-            if make_safe is not None:
-                make_safe()
-            executor.remove_node(node)
-            node.destroy_node()
-        executor.shutdown()
-        rclpy.try_shutdown()
-        faulthandler.cancel_dump_traceback_later()
+        with ExitStack() as ends:  # calls the last one first, and all if one raises an exception
+            ends.callback(faulthandler.cancel_dump_traceback_later)
+            ends.callback(rclpy.try_shutdown)
+            ends.callback(executor.shutdown)
+            for node in reversed(nodes):
+                ends.callback(node.destroy_node)
+                ends.callback(executor.remove_node, node)
+                ends.callback(getattr(node, 'make_safe', lambda: None))
     return 0
 
 

@@ -30,7 +30,7 @@ from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import exact, terrain_observation, to_seconds
 from ballbot_ros.ros.endpoints import (
-    create_subscription, create_trigger, create_wall_timer, subscribe_e_stop)
+    create_subscription, create_trigger, subscribe_e_stop, TopicTimeout)
 from ballbot_ros.ros.frames import FRAMES
 from ballbot_ros.ros.lifecycle import FAILURE, ManagedNode, SUCCESS
 from ballbot_ros.ros.parameters import declare
@@ -38,7 +38,7 @@ from ballbot_ros.ros.run import run
 
 PERIOD = 0.02  # shortest time between two commands [s]
 LATEST_SCAN = 0.5  # maximum age of a scan [s]
-SILENCE = 10  # timeout of odometry during a goal [s of wall time], unless time is paused
+SILENCE = 10  # timeout of odometry during a goal [s of wall time]
 
 
 class NavigatorNode(ManagedNode):
@@ -71,7 +71,6 @@ class NavigatorNode(ManagedNode):
         self._faces: Optional[Tuple[Tuple[float, float], ...]] = None
         self._traveled = 0.0
         self._last: Optional[Odometry] = None
-        self._silent, self._watched = 0, self.get_clock().now()  # see `_watch`
         self._kept: Optional[Learned] = None
         self._published: Optional[Route] = None
         self.localization = Localization(self, self._settings)
@@ -85,7 +84,7 @@ class NavigatorNode(ManagedNode):
         self.servers = NavigationServers(self)
         self.diagnostics = diagnostics.Diagnostics(
             self, 'navigation', self._health, self._robot.name)
-        create_wall_timer(self, 1.0, self._watch)
+        self._timeout = TopicTimeout(self, 'odom', SILENCE, self._end_without_odometry)
         if self._settings.autostart:
             self.autostart()
 
@@ -146,13 +145,8 @@ class NavigatorNode(ManagedNode):
                                else self._last.header.stamp)
             self.servers.step()
 
-    def _watch(self) -> None:
-        """End the goal when odometry stops; called every second, except while planning."""
-        last, self._watched = self._watched, self.get_clock().now()
-        # A paused simulator publishes neither odometry nor the time.
-        self._silent += self._watched != last or not self.count_publishers('odom')
-        if self._silent > SILENCE:
-            self.abort('missing', f'no odometry received for {SILENCE} s')
+    def _end_without_odometry(self) -> None:
+        self.abort('missing', f'no odometry received for {SILENCE} s')
 
     def _on_e_stop(self, engaged: bool) -> None:
         if engaged:
@@ -191,7 +185,8 @@ class NavigatorNode(ManagedNode):
             before = last.pose.pose.position
             self._traveled += (position.x - before.x) * math.cos(heading) \
                 + (position.y - before.y) * math.sin(heading)
-        self._last, self._silent = message, 0
+        self._last = message
+        self._timeout.restart()
         now = to_seconds(message.header.stamp)
         if self.percept is not None and 0.0 < now - self.percept.stamp < PERIOD - 1e-6:
             return

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The actions ``~/drive_to`` and ``~/cross_step``; `decision.goals` implements their behaviour."""
 import math
-import time
 from typing import Any, Callable, Optional, Tuple
 
 from rclpy.action.server import ServerGoalHandle
@@ -14,10 +13,10 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.nodes.obstacle_decision.standstill import Standstill
 from ballbot_ros.ros.action_server import DeferredActionServer
 from ballbot_ros.ros.conversions import decision_message, to_time
-from ballbot_ros.ros.endpoints import create_wall_timer
+from ballbot_ros.ros.endpoints import TopicTimeout
 
 # Period of the feedback, and timeout of odometry during a goal [s].
-FEEDBACK, SILENCE = 0.1, 10.0
+FEEDBACK, SILENCE = 0.1, 10
 
 
 class GoalServers:
@@ -34,14 +33,14 @@ class GoalServers:
         decider().goals.waiting, standstill.go_on = waiting, self.go_on
         self._running: Optional[Tuple[DeferredActionServer, ServerGoalHandle]] = None
         self._goal: Any = None
-        self._last_feedback = self._last_decision = -math.inf
+        self._last_feedback = -math.inf
         self._drive = DeferredActionServer(
             node, DriveTo, '~/drive_to', self._check_drive,
             lambda handle: self._begin(self._drive, handle))
         self._cross = DeferredActionServer(
             node, CrossStep, '~/cross_step', self._check_cross,
             lambda handle: self._begin(self._cross, handle))
-        create_wall_timer(node, 1.0, self._watch)
+        self._timeout = TopicTimeout(node, 'odom', SILENCE, self._end_without_odometry)
 
     def _check(self) -> Motion:
         """Return the motion at the start of a goal; raise `RefusedError` if none can start."""
@@ -68,7 +67,7 @@ class GoalServers:
     def _begin(self, server: DeferredActionServer, handle: ServerGoalHandle) -> None:
         self._decider().goals.begin(self._goal)
         self._running, self._last_feedback = (server, handle), -math.inf
-        self._last_decision = time.monotonic()
+        self._timeout.restart()
 
     def go_on(self) -> bool:
         """Follow the decision without goals; return whether this changes the mode."""
@@ -82,7 +81,7 @@ class GoalServers:
         if self._running is None:
             return
         decider, (server, handle) = self._decider(), self._running
-        self._last_decision = time.monotonic()
+        self._timeout.restart()
         if decider.end is not None:
             return self._finish(server, handle, decider.end)
         if handle.is_cancel_requested and not self._goal.canceled:
@@ -106,9 +105,9 @@ class GoalServers:
             self.abort('obstacle_decision was ended')
             self._node.executor.spin_once(timeout_sec=0.1)
 
-    def _watch(self) -> None:
-        if self._running is not None and time.monotonic() - self._last_decision > SILENCE:
-            self.abort(f'no odometry received for {SILENCE:g} s')
+    def _end_without_odometry(self) -> None:
+        if self._running is not None:
+            self.abort(f'no odometry received for {SILENCE} s')
 
     def _finish(self, server: DeferredActionServer, handle: ServerGoalHandle,
                 end: GoalEnd) -> None:

@@ -115,8 +115,8 @@ def test_shutdown_ends_a_goal_and_further_goals_are_refused(graph):
 
 
 @pytest.mark.parametrize('paused', [False, True])
-def test_a_goal_ends_when_odometry_stops_unless_time_is_paused(graph, monkeypatch, paused):
-    monkeypatch.setattr('ballbot_ros.nodes.navigator.node.SILENCE', 1)
+def test_a_goal_ends_when_odometry_stops_unless_time_is_paused(graph, paused):
+    graph.node._timeout.limit = 1
     graph.node.set_parameters([Parameter('use_sim_time', value=paused)])  # nothing publishes it
     result = graph.send(2.6, 1.4).get_result_async()
 

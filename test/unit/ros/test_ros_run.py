@@ -175,6 +175,8 @@ class One(Node):
 
     def make_safe(self):
         print('one made safe', flush=True)
+        if sys.argv[1] == 'raises':
+            raise OSError('what went wrong')
 
 class Other(One):
     failure = None
@@ -202,6 +204,12 @@ def test_if_one_of_two_nodes_fails_both_are_made_safe(how, ended, python):
     done = python('-c', TWO, how)
     assert (done.returncode, done.stdout) == (2, ended)
     assert done.stderr.count('what went wrong') == 1 and 'Traceback' not in done.stderr
+
+
+@pytest.mark.slow
+def test_an_exception_of_one_node_at_the_end_does_not_keep_the_other_from_being_made_safe(python):
+    done = python('-c', TWO, 'raises')
+    assert done.stdout == 'one made safe\nother made safe\n' and done.returncode
 
 
 SECURE = """
