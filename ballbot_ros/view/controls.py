@@ -32,15 +32,20 @@ UNITS = {'step_height': (1e3, 'mm')}
 NOTIFICATION_TIME = 12  # [s]
 # The panel of the controls, which viser makes narrow in a narrow window.
 PANEL = '.mantine-Paper-root:has(#ballbot-title)'
-# Hotkey -> the control that it uses.
-KEYS = {'space': 'pause', 'arrowright': 'step', 'R': 'reset', 'E': 'e_stop'}
+# Button -> its hotkey, its colour, and its labels while the control is off and on.
+BUTTONS: Mapping[str, Tuple[Any, Any, str, str]] = {
+    'e_stop': ('E', 'red', 'E-STOP: motor off', 'Release the e-stop'),
+    'pause': ('space', 'blue', 'Pause', 'Run'),
+    'step': ('arrowright', 'gray', f'Step by {STEP_TIME:g} s', ''),
+    'reset': ('R', 'gray', 'Reset', '')}
 
 
 class Controls:
     """
     Creates a widget for each control of a source, and keeps both consistent.
 
-    An unavailable control is greyed out, and the state shows the reason.
+    An unavailable control is greyed out, and the state shows the reason.  Viser sends only values
+    that differ from the present ones.
     """
 
     def __init__(self, server: viser.ViserServer, source: Source):
@@ -48,9 +53,7 @@ class Controls:
         self._widgets: Dict[str, Any] = {}
         # Range, unit, choices and refusal of each widget; a change creates a new widget.
         self._shapes: Dict[str, Tuple[Any, ...]] = {}
-        self._orders: Dict[str, float] = {}
         self._refused = ''
-        self._state = ''
         # Both the page and the callback threads of the widgets refresh.
         self._refreshing = RLock()
         self._gui.main_panel.dock_right()
@@ -68,36 +71,23 @@ class Controls:
 
     def refresh(self) -> None:
         with self._refreshing:
-            self._refresh()
-
-    def _refresh(self) -> None:
-        controls = self._source.controls
-        for group, members in GROUPS.items():
-            for name, label in members.items():
+            controls = self._source.controls
+            for group, members in GROUPS.items():
+                for name, label in members.items():
+                    if name in controls:
+                        self._show(name, label, controls[name], self._folders[group])
+            for name, (_, _, off, on) in BUTTONS.items():
                 if name in controls:
-                    self._show(name, label, controls[name], self._folders[group])
-        for name in ('e_stop', 'pause', 'step', 'reset'):
-            if name in self._widgets:
-                self._set(self._widgets[name], 'disabled', bool(controls[name].refusal))
-        if 'pause' in controls:
-            self._set(self._widgets['pause'], 'label',
-                      'Run' if controls['pause'].value else 'Pause')
-        if 'e_stop' in controls:
-            self._set(self._widgets['e_stop'], 'label', 'Release the e-stop'
-                      if controls['e_stop'].value else 'E-STOP: motor off')
-        self._seek()
-        self._show_state()
+                    self._widgets[name].disabled = bool(controls[name].refusal)
+                    self._widgets[name].label = on if controls[name].value else off
+            self._seek()
+            self._show_state()
 
     def _run_controls(self) -> None:
         controls = self._source.controls
-        if 'e_stop' in controls:
-            self._button('e_stop', 'E-STOP: motor off', 'red', lambda: not self._is_on('e_stop'))
-        if 'pause' in controls:
-            self._button('pause', 'Pause', 'blue', lambda: not self._is_on('pause'))
-        if 'step' in controls:
-            self._button('step', f'Step by {STEP_TIME:g} s', 'gray', self._step)
-        if 'reset' in controls:
-            self._button('reset', 'Reset', 'gray', lambda: True)
+        for name in BUTTONS:
+            if name in controls:
+                self._button(name, controls[name])
         if 'seek' in controls:
             slider = self._gui.add_slider(
                 'timeline', 0.0, 1.0, 0.01, 0.0, disabled=True,
@@ -105,24 +95,17 @@ class Controls:
             self._widgets['seek'] = slider
             self._on_change('seek', slider, float)
 
-    def _button(self, name: str, label: str, colour: Any, value: Callable[[], Value]) -> None:
-        control = self._source.controls[name]
-        button = self._gui.add_button(
-            label, color=colour, disabled=bool(control.refusal),
-            hint=control.refusal or CONTROLS[name][1])
-        button.on_click(lambda event: self._use(name, value(), event))
-        self._widgets[name] = button
+    def _button(self, name: str, control: Control) -> None:
+        key, colour, label, _ = BUTTONS[name]
 
-        for key, other in KEYS.items():
-            if other == name:
-                command = self._gui.add_command(label, hotkey=key)  # type: ignore[arg-type]
-                command.on_trigger(lambda event: self._use(name, value(), event))
-
-    def _step(self) -> float:
-        """Pause, because a step requires it, and return the duration of the step [s]."""
-        if not self._is_on('pause'):
-            self._source.apply('pause', True)
-        return STEP_TIME
+        def press(event: Any) -> None:
+            if name == 'step' and not self._is_on('pause'):  # only a paused run can be stepped
+                self._source.apply('pause', True)
+            self._use(name, STEP_TIME if name == 'step' else not self._is_on(name), event)
+        self._widgets[name] = self._gui.add_button(
+            label, color=colour, hint=control.refusal or CONTROLS[name][1])
+        self._widgets[name].on_click(press)
+        self._gui.add_command(label, hotkey=key).on_trigger(press)
 
     def _camera_controls(self, server: viser.ViserServer) -> None:
         """Create a button for each camera preset, with the digits as hotkeys."""
@@ -168,9 +151,8 @@ class Controls:
             # The end moves in steps of 5 s, because each change is a message.
             if not slider.max - 5.0 <= last <= slider.max:
                 slider.max = 5.0 * (last // 5.0 + 1.0)
-            self._set(slider, 'min', min(first, last))
-            self._set(slider, 'disabled', False)
-            self._set(slider, 'value', round(min(max(shown.time, first), slider.max), 2))
+            slider.min, slider.disabled = first, False
+            slider.value = round(min(max(shown.time, first), slider.max), 2)
 
     def _show(self, name: str, label: str, control: Control, folder: Any) -> None:
         """Show a value; create its widget if it is missing or its range has changed."""
@@ -180,14 +162,14 @@ class Controls:
             if name in self._widgets:
                 self._widgets.pop(name).remove()
             self._shapes[name] = shape
-            self._orders.setdefault(name, float(len(self._orders)))
             with folder:
                 self._widgets[name] = self._make(name, label, control)
         elif control.value is not None:
-            self._set(self._widgets[name], 'value', self._shown(name, control.value))
+            self._widgets[name].value = self._shown(name, control.value)
 
     def _make(self, name: str, label: str, control: Control) -> Any:
-        about: Any = {'order': self._orders[name], 'hint': control.refusal or CONTROLS[name][1]}
+        about: Any = {'order': float(list(CONTROLS).index(name)),
+                      'hint': control.refusal or CONTROLS[name][1]}
         if control.refusal:
             return self._gui.add_text(label, '-', disabled=True, **about)
         if name in ('accuracy', 'speed') or CONTROLS[name][0] is str:
@@ -230,10 +212,6 @@ class Controls:
         widget.on_update(lambda event: None if event.client is None else self._use(
             name, meaning(event.target.value), event))
 
-    def _set(self, widget: Any, what: str, value: Any) -> None:
-        if getattr(widget, what) != value:
-            setattr(widget, what, value)
-
     def _use(self, name: str, value: Value, event: Any) -> None:
         """Use a control; a refusal is shown in the page of the client."""
         try:
@@ -251,23 +229,22 @@ class Controls:
 
     def _show_state(self) -> None:
         health = self._source.health
-        self._set(self._remedy, 'visible', health.idle is not None)
+        self._remedy.visible = health.idle is not None
         if health.idle is not None:
-            self._set(self._remedy, 'label', health.idle.label)
+            self._remedy.label = health.idle.label
         unavailable = {control.refusal for name, control in self._source.controls.items()
-                       if control.refusal and name not in ('set_point',)}
+                       if control.refusal and name != 'set_point'}
         lines = status_lines(health, self._is_on('e_stop') if 'e_stop' in
                              self._source.controls else None)
         lines += [f'<span style="color:{GREY}">Not available: {escape(reason)}.</span>'
                   for reason in sorted(unavailable)]
         if self._refused:
             lines.append(_coloured(f'Refused: {self._refused}', VERMILION, 'refusal'))
-        words = (f'<div style="font:13px/1.5 system-ui,sans-serif;padding:0.5em 0.7em 0">'
-                 f'<b id="ballbot-title">{escape(self._source.title)}</b> &middot; '
-                 f'{escape(self._source.robot.name)}<br>{"<br>".join(lines)}'
-                 f'{phone_values(self._source.shown)}</div>')
-        if words != self._state:
-            self._state = self._status.content = words
+        self._status.content = (
+            f'<div style="font:13px/1.5 system-ui,sans-serif;padding:0.5em 0.7em 0">'
+            f'<b id="ballbot-title">{escape(self._source.title)}</b> &middot; '
+            f'{escape(self._source.robot.name)}<br>{"<br>".join(lines)}'
+            f'{phone_values(self._source.shown)}</div>')
 
 
 def status_lines(health: Health, e_stop: Optional[bool]) -> List[str]:

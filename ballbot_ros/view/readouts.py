@@ -69,17 +69,16 @@ class Readouts:
             self._plots = {title: self._plot(title, series) for title, series in PLOTS.items()}
         panel.dock_left()
         panel.set_width(PANEL_WIDTH)
-        self._last: dict[str, str] = {}
         self._drawn: Tuple[int, float] = (-1, math.nan)
 
     def write(self, source: Source, frame: Frame) -> None:
         """Write the numbers and draw the step ahead."""
         prospect = prospect_of(source, frame)
-        self._put('now', self._now, numbers(frame))
+        self._now.content = numbers(frame)
         sentence = verdict(source.curve, prospect)
         words = '' if frame.decision is None else decision_words(frame.decision)
-        self._put('step', self._step, f'{words}<div style="{SMALL_STYLE}"><b>Step ahead</b><br>'
-                  f'{escape(sentence)}</div>')
+        self._step.content = (f'{words}<div style="{SMALL_STYLE}"><b>Step ahead</b><br>'
+                              f'{escape(sentence)}</div>')
         columns = curve_columns(source.curve, prospect)
         if not all(map(np.array_equal, columns, self._curve.data, (True,) * len(columns))):
             self._curve.data = columns
@@ -100,16 +99,10 @@ class Readouts:
         times = np.array([passed.time for passed in frames])
         for title, series in PLOTS.items():
             columns = [column(frames, item.value) for item in series]
-            known = any(np.isfinite(values).any() for values in columns)
             handle = self._plots[title]
-            if handle.visible is not known:
-                handle.visible = known
-            if known:
+            handle.visible = any(np.isfinite(values).any() for values in columns)
+            if handle.visible:
                 handle.data = (times, *columns)
-
-    def _put(self, name: str, handle: Any, content: str) -> None:
-        if self._last.get(name) != content:
-            self._last[name] = handle.content = content
 
     def _curve_plot(self) -> Any:
         from viser import uplot

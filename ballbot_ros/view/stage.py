@@ -228,8 +228,7 @@ class Stage:
         """Move ball and pendulum to their poses, and the world relative to the camera."""
         point, radius = place_of(source, frame), source.robot.ball_radius
         place, shadow = self._nodes['place'], self._nodes['shadow']
-        if place.visible is not (point is not None):
-            place.visible = point is not None
+        place.visible = point is not None
         if point is None:
             return
         heading = 0.0 if source.floor is None or frame.place is None else (
@@ -244,9 +243,7 @@ class Stage:
                 @ SO3.from_x_radians(frame.lean - frame.tilt)).wxyz
         self._world.position = (-point[0], -point[1], radius - point[2])
         ground = self._terrain
-        known = ground is not None or source.floor is not None
-        if shadow.visible is not known:
-            shadow.visible = known
+        shadow.visible = ground is not None or source.floor is not None
         shadow.position = (*point[:2], point[2] - radius + 0.004 if ground is None else float(
             ground.height(point[0])) + 1.5e-3)
 
@@ -260,11 +257,9 @@ class Stage:
             cut = min(1.0, ARROW_LENGTH_MAX * robot.ball_radius / size) * scale
             foot = np.array([contact.x - (frame.x or 0.0), 0.0, contact.y - (frame.y or 0.0)])
             arrows.append([foot, foot + [cut * contact.force_x, 0.0, cut * contact.force_y]])
-        node = self._nodes['forces']
-        if node.visible is not bool(arrows):
-            node.visible = bool(arrows)
+        self._nodes['forces'].visible = bool(arrows)
         if arrows:
-            node.points = np.array(arrows, dtype=np.float32)
+            self._nodes['forces'].points = np.array(arrows, dtype=np.float32)
 
     def _mesh(self, name: str, mesh: Mesh, colour: str, opacity: Optional[float] = None,
               flat: bool = False) -> Any:
