@@ -164,7 +164,7 @@ class Controls:
             self._shapes[name] = shape
             with folder:
                 self._widgets[name] = self._make(name, label, control)
-        elif control.value is not None:
+        elif control.value is not None and not control.refusal:
             self._widgets[name].value = self._shown(name, control.value)
 
     def _make(self, name: str, label: str, control: Control) -> Any:

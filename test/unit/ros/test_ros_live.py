@@ -188,6 +188,23 @@ def test_a_click_on_the_floor_is_a_goal_on_the_map_if_a_navigator_runs(link, sou
         page._server.end()
 
 
+def test_a_page_survives_another_publisher_while_it_holds_a_set_point(link, source):
+    pytest.importorskip('viser')
+    from ballbot_ros.view.controls import Controls
+    from ballbot_ros.view.server import free_port, LOOPBACK, PageServer
+    source.apply('law', 'speed')
+    source.apply('set_point', 0.3)
+    server = PageServer(LOOPBACK, free_port(LOOPBACK, 0))
+    try:
+        controls = Controls(server, source)
+        link.presence = Presence(frozenset({'simulator'}), ('obstacle_decision',), 1)
+        for _ in range(2):
+            controls.refresh()
+        assert [controls._widgets[name].value for name in ('law', 'set_point')] == ['-', '-']
+    finally:
+        server.end()
+
+
 # --- With ROS -------------------------------------------------------------------------------
 
 
