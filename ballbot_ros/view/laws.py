@@ -28,7 +28,7 @@ class MotorLaw:
     """
 
     def __init__(self, robot: Robot, law: str, set_point: float, base: Actuation,
-                 chosen: bool = True):
+                 chosen: bool):
         self.robot, self.law, self.set_point, self.base = robot, law, set_point, base
         self.chosen = chosen
         self._controller: Optional[PendulumController] = None
@@ -36,8 +36,7 @@ class MotorLaw:
             self._controller = PendulumController(robot, load_tuning('published'))
         else:
             self._actuation = self._actuation_of(law, set_point) if chosen else base
-            self._actuation.actuator(robot)
-        self.begin(State())
+        self.begin(State())  # refuses a law that the robot cannot follow
 
     @classmethod
     def of_scene(cls, robot: Robot, actuation: Actuation) -> 'MotorLaw':

@@ -42,7 +42,6 @@ class SceneRun:
         self.law = MotorLaw.of_scene(scene.model.robot, scene.actuation)
         self._steps = max(1, round(PERIOD / scene.model.solver_in_use.step))
         self.period = self._steps * scene.model.solver_in_use.step
-        self.state, self._periods = scene.start, 0
         self._take(scene.model, None)
 
     @property
@@ -93,19 +92,13 @@ class SceneRun:
     def set_robot(self, name: str) -> None:
         """Restart with another robot."""
         robot = load_robot(name)
-        law = self.law.changed(robot=robot) if robot.has_pendulum or self.law.law == 'free' \
-            else self.law.changed(robot=robot, law='free')
-        self._take(replace(self.model, robot=robot), None)
-        self.law = law
-        law.begin(self.state)
+        law = self.law.changed(robot=robot, law=None if robot.has_pendulum else 'free')
+        self._take(replace(self.model, robot=robot), None, law)
 
     def set_friction(self, friction: float) -> None:
         """Set the friction of ground and edges; pieces with their own friction keep it."""
         robot = replace(self.robot, surface_friction=friction, edge_friction=friction)
-        law = self.law.changed(robot=robot)
-        self._take(replace(self.model, robot=robot), self.state)
-        self.law = law
-        law.begin(self.state)
+        self._take(replace(self.model, robot=robot), self.state, self.law.changed(robot=robot))
 
     def set_step_height(self, height: float) -> None:
         """Change the next step ahead, see `with_step`."""
@@ -141,11 +134,9 @@ class SceneRun:
     def _actuator(self) -> Actuator:
         return Actuator() if self.e_stop else self.law.actuator(self.state)
 
-    def _take(self, model: Model, state: Optional[State]) -> None:
-        """Continue with a model from a state; None is the start of the scene."""
-        monitor, start = None, state
-        if start is None:
-            start = self.scene.initial.state(model)
+    def _take(self, model: Model, state: Optional[State], law: Optional[MotorLaw] = None) -> None:
+        """Continue from a state, None for the start of the scene; a law, if given, is new."""
+        monitor, start = None, self.scene.initial.state(model) if state is None else state
         if self.accuracy is None:
             solver = self.scene.model.solver_in_use
         else:
@@ -154,4 +145,6 @@ class SceneRun:
         self.model, self._monitor, self.state = replace(model, solver=solver), monitor, start
         if state is None:
             self._periods = 0
+        self.law = law or self.law
+        if law is not None or state is None:
             self.law.begin(start)

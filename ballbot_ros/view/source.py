@@ -92,19 +92,17 @@ class FrameHistory:
     def __init__(self, most: int = FRAMES_MAX):
         self._most = most
         self._lock = Lock()
-        self._times: List[float] = []
         self._frames: List[Frame] = []
         self.epoch = 0  # number of restarts
 
     def add(self, frame: Frame) -> None:
         """Add a frame; one that is not later than the last frame starts a new epoch."""
         with self._lock:
-            if self._times and frame.time <= self._times[-1]:
+            if self._frames and frame.time <= self._frames[-1].time:
                 self._forget()
-            self._times.append(frame.time)
             self._frames.append(frame)
-            if len(self._times) > 1.1 * self._most:
-                del self._times[:-self._most], self._frames[:-self._most]
+            if len(self._frames) > 1.1 * self._most:
+                del self._frames[:-self._most]
 
     def forget(self) -> None:
         """Start a new epoch, without frames."""
@@ -112,8 +110,12 @@ class FrameHistory:
             self._forget()
 
     def _forget(self) -> None:
-        self._times, self._frames = [], []
+        self._frames = []
         self.epoch += 1
+
+    def _after(self, time: float) -> int:
+        """Return the index of the first frame later than `time` [s]."""
+        return bisect_right(self._frames, time, key=lambda frame: frame.time)
 
     @property
     def newest(self) -> Optional[Frame]:
@@ -125,18 +127,17 @@ class FrameHistory:
     def span(self) -> Tuple[float, float]:
         """Return the times of the first and the last frame [s]; both 0 if there is none."""
         with self._lock:
-            return (self._times[0], self._times[-1]) if self._times else (0.0, 0.0)
+            return (self._frames[0].time, self._frames[-1].time) if self._frames else (0.0, 0.0)
 
     def at(self, time: float) -> Optional[Frame]:
         """Return the last frame not later than `time` [s], else the first; None without any."""
         with self._lock:
-            where = max(0, bisect_right(self._times, time) - 1)
-            return self._frames[where] if self._frames else None
+            return self._frames[max(0, self._after(time) - 1)] if self._frames else None
 
     def since(self, time: float) -> Sequence[Frame]:
         """Return the frames later than `time` [s], oldest first."""
         with self._lock:
-            return self._frames[bisect_right(self._times, time):]
+            return self._frames[self._after(time):]
 
     def __len__(self) -> int:
         with self._lock:
@@ -145,7 +146,7 @@ class FrameHistory:
     def thin(self) -> None:
         """Drop every other frame."""
         with self._lock:
-            del self._times[1::2], self._frames[1::2]
+            del self._frames[1::2]
 
 
 class Source(ABC):
