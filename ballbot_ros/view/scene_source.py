@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """A scene as a source: a thread simulates it in real time, slower or faster."""
-from dataclasses import replace
 import math
 from pathlib import Path
 from threading import Lock
@@ -103,11 +102,10 @@ class SceneSource(Source):
 
     @property
     def controls(self) -> Mapping[str, Control]:
-        run, known = self._run, dict(self._controls)
+        run = self._run
         ahead = step_ahead(run.model.terrain, run.state.x, run.robot.ball_radius)
-        known['step_height'] = replace(
-            known['step_height'], value=ahead.height if ahead else 0.0)
-        return known
+        return {**self._controls, 'step_height': Control(
+            ahead.height if ahead else 0.0, -HIGHEST_STEP, HIGHEST_STEP, 'm')}
 
     def _use(self, name: str, value: Value) -> None:
         if not self._lock.acquire(timeout=CONTROL_TIMEOUT):
@@ -217,7 +215,6 @@ class SceneSource(Source):
     def _describe(self) -> None:
         run, law = self._run, self._run.law.law
         self.curve = run.curve()
-        ahead = step_ahead(run.model.terrain, run.state.x, run.robot.ball_radius)
         self._controls: Mapping[str, Control] = MappingProxyType({
             'pause': Control(self._paused),
             'step': Control(lowest=run.period, highest=LONGEST_STRIDE, unit='s'),
@@ -230,8 +227,6 @@ class SceneSource(Source):
             'set_point': Control(refusal='a free pendulum has no set-point; choose another law')
             if law == 'free' else Control(
                 run.law.set_point, *bounds_of(run.robot, law), unit=UNITS[law]),
-            'step_height': Control(
-                ahead.height if ahead else 0.0, -HIGHEST_STEP, HIGHEST_STEP, 'm'),
             'friction': Control(run.robot.surface_friction, 0.0, HIGHEST_FRICTION),
             'accuracy': Control(run.accuracy or 0.0, 0.0, LARGEST, 'm'),
             'e_stop': Control(run.e_stop)})
