@@ -35,8 +35,7 @@ class PageServer(viser.ViserServer):
     """A viser server that serves its own page only, and never opens a tunnel."""
 
     def __init__(self, host: str, port: int):
-        guarded: List[bool] = []
-        with _guarded(host, guarded), redirect_stdout(io.StringIO()):
+        with _guarded(host) as guarded, redirect_stdout(io.StringIO()):
             super().__init__(host=host, port=port, verbose=False)
         if not guarded:
             self.end()
@@ -116,10 +115,10 @@ def _is_fault(record: logging.LogRecord) -> bool:
 
 
 @contextmanager
-def _guarded(bound: str, done: List[bool]) -> Iterator[None]:
-    """Guard the server that is started within the context, and set `done`."""
+def _guarded(bound: str) -> Iterator[List[bool]]:
+    """Guard the server that is started within the context; the list is empty without one."""
     module: Any = websockets.asyncio.server
-    serve = module.serve
+    serve, done = module.serve, []
     logging.getLogger('websockets.server').addFilter(_is_fault)
 
     def guarded(*args: Any, **kwargs: Any) -> Any:
@@ -130,7 +129,7 @@ def _guarded(bound: str, done: List[bool]) -> Iterator[None]:
     # viser has no argument for this; the name is looked up when its server starts.
     module.serve = guarded
     try:
-        yield
+        yield done
     finally:
         module.serve = serve
 

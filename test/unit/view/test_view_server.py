@@ -128,6 +128,6 @@ def test_an_address_of_another_machine_is_refused():
 
 def test_a_viser_that_cannot_be_guarded_is_refused(monkeypatch):
     # As if viser started its server in an unguarded way.
-    monkeypatch.setattr('ballbot_ros.view.server._guarded', lambda bound, done: nullcontext())
+    monkeypatch.setattr('ballbot_ros.view.server._guarded', lambda bound: nullcontext([]))
     with refused('unavailable', 'viser'):
         PageServer(LOOPBACK, free_port(LOOPBACK, 0))
