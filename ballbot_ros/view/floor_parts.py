@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The meshes of a floor: rooms at their levels, walls and features."""
 import math
-from typing import Any, Dict, Iterator, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
-from numpy.typing import NDArray
 from trimesh import creation, Trimesh
 from trimesh.convex import convex_hull
 from trimesh.util import concatenate
@@ -48,17 +47,14 @@ def floor_parts(floor: Floor) -> Iterator[Part]:
             mask = (height == value) & (floor.cells != OCCUPIED)
             for feature in floor.features:
                 if feature.kind == 'stairs' or (feature.kind == 'level' and feature.height < 0.0):
-                    mask &= ~_cells_in(floor, feature)
-            grounds += [box(x - wide, y - high, x + wide, y + high, value - SLAB_DEPTH, value)
-                        for x, y, wide, high in rectangles(
-                            mask, floor.resolution, floor.origin).tolist()]
+                    mask &= ~inside(*floor.centers, feature.polygon)
+            grounds += boxes(rectangles(mask, floor.resolution, floor.origin),
+                             value - SLAB_DEPTH, value)
         yield Part('ground', concatenate(grounds), GROUND)
     else:
         yield Part('ground', _uneven(floor), GROUND)
-    walls = [box(x - wide, y - high, x + wide, y + high, -SLAB_DEPTH, WALL_HEIGHT)
-             for x, y, wide, high in floor.walls.tolist()]
-    if walls:
-        yield Part('walls', concatenate(walls), WALLS)
+    if len(floor.walls):
+        yield Part('walls', concatenate(boxes(floor.walls, -SLAB_DEPTH, WALL_HEIGHT)), WALLS)
     counts: Dict[str, int] = {}
     for feature in floor.features:
         number = counts[feature.kind] = counts.get(feature.kind, 0) + 1
@@ -70,9 +66,10 @@ def floor_parts(floor: Floor) -> Iterator[Part]:
                    _label(feature), (float(x), float(y), float(mesh.vertices[:, 2].max()) + 0.1))
 
 
-def box(left: float, bottom: float, right: float, top: float, low: float, high: float) -> Mesh:
-    """Return a box along the axes [m]."""
-    return creation.box(bounds=[[left, bottom, low], [right, top, high]])
+def boxes(areas: Array, low: float, high: float) -> List[Mesh]:
+    """Return a box between two heights for each row of `Floor.walls` or `rectangles` [m]."""
+    return [creation.box(bounds=[[x - wide, y - deep, low], [x + wide, y + deep, high]])
+            for x, y, wide, deep in areas.tolist()]
 
 
 def prism(outline: Sequence[Point], low: Array, high: Array) -> Mesh:
@@ -103,11 +100,11 @@ def _feature(floor: Floor, feature: Feature) -> Mesh:
             foot, top = np.array(feature.line[0]), np.array(feature.line[-1])
             run = top - foot
             high = base + feature.height * ((np.array(outline) - foot) @ run) / (run @ run)
-        elif feature.kind == 'stairs' or feature.height < 0.0:
-            high = np.full(count, base - depth(feature) if feature.kind == 'stairs'
-                           else base + feature.height)
+        elif feature.kind == 'stairs':
+            high = np.full(count, base - depth(feature))
         else:
-            high = np.full(count, base + max(feature.height, PAINT_DEPTH))
+            high = np.full(count, base + (feature.height if feature.height < 0.0
+                                          else max(feature.height, PAINT_DEPTH)))
         parts.append(prism(outline, np.minimum(high, base) - SLAB_DEPTH, high))
     return concatenate(parts)
 
@@ -122,11 +119,6 @@ def base_level(floor: Floor, place: Point) -> float:
         return float(levels(floor)[row, column])
     free = levels(floor)[near][floor.cells[near] != OCCUPIED]
     return float(free.min()) if len(free) else 0.0
-
-
-def _cells_in(floor: Floor, feature: Feature) -> NDArray[np.bool_]:
-    found: NDArray[np.bool_] = inside(*floor.centers, feature.polygon)
-    return found
 
 
 def _uneven(floor: Floor) -> Mesh:
