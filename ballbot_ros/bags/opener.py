@@ -103,12 +103,19 @@ def _open_with_rosbags(path: Path) -> Iterator[Bag]:
         reader.close()
 
 
-def rosbag2_bag(path: Path, reader: Any) -> Bag:
-    """Return the bag of an open `rosbag2_py.SequentialReader`."""
-    types = {topic.name: topic.type for topic in reader.get_all_topics_and_types()}
+def _open_with_rosbag2(path: Path) -> Bag:
+    from rclpy.serialization import deserialize_message
+    import rosbag2_py
+    reader = rosbag2_py.SequentialReader()
+    try:
+        reader.open(rosbag2_py.StorageOptions(uri=str(path), storage_id=''),
+                    rosbag2_py.ConverterOptions('cdr', 'cdr'))
+        types = {topic.name: topic.type for topic in reader.get_all_topics_and_types()}
+        metadata = dict(getattr(reader.get_metadata(), 'custom_data', None) or {})
+    except RuntimeError as error:
+        raise unreadable(path, error) from error
 
     def messages(topics: Collection[str]) -> Iterator[Tuple[str, Any]]:
-        from rclpy.serialization import deserialize_message
         kinds = {topic: message_class(types[topic]) for topic in topics if topic in types}
         try:
             while reader.has_next():
@@ -117,18 +124,7 @@ def rosbag2_bag(path: Path, reader: Any) -> Bag:
                     yield topic, deserialize_message(data, kinds[topic])
         except RuntimeError as error:
             raise unreadable(path, error) from error
-    return Bag(types, dict(getattr(reader.get_metadata(), 'custom_data', None) or {}), messages)
-
-
-def _open_with_rosbag2(path: Path) -> Bag:
-    import rosbag2_py
-    reader = rosbag2_py.SequentialReader()
-    try:
-        reader.open(rosbag2_py.StorageOptions(uri=str(path), storage_id=''),
-                    rosbag2_py.ConverterOptions('cdr', 'cdr'))
-        return rosbag2_bag(path, reader)
-    except RuntimeError as error:
-        raise unreadable(path, error) from error
+    return Bag(types, metadata, messages)
 
 
 @contextmanager

@@ -4,6 +4,7 @@ from dataclasses import replace
 import json
 import math
 from pathlib import Path
+import sys
 from types import SimpleNamespace
 
 from bag_of_a_run import BagOf
@@ -13,7 +14,6 @@ from refusals import refused
 
 from ballbot_ros.bags import opener
 from ballbot_ros.bags.metadata import bag_metadata, BRIDGE, SIMULATOR
-from ballbot_ros.bags.opener import rosbag2_bag
 from ballbot_ros.bags.recorded_run import read_run
 from ballbot_ros.cli.command import main
 from ballbot_ros.physics import load_scene, Solver
@@ -205,11 +205,19 @@ def test_the_differences_of_a_real_robot_are_reported_and_its_recording_can_be_i
     assert found['estimates'][0]['value'] == pytest.approx(0.1, rel=0.02)
 
 
-class FakeReader:
-    """The part of `rosbag2_py.SequentialReader` that the package uses."""
+class FakeRosbag2:
+    """The part of `rosbag2_py`, and of its `SequentialReader`, that the package uses."""
 
-    def __init__(self, messages):
+    def __init__(self, *messages):
         self.messages = list(messages)
+        self.StorageOptions = self.ConverterOptions = lambda *_, **given: given.get('uri')
+
+    def SequentialReader(self):
+        return self
+
+    def open(self, path, _):
+        if not Path(path).exists():
+            raise RuntimeError('no such bag')
 
     def get_all_topics_and_types(self):
         return [SimpleNamespace(name='/joint_states', type='sensor_msgs/msg/JointState')]
@@ -233,13 +241,16 @@ def test_a_bag_is_read_with_rosbag2_py_if_ros_provides_it(tmp_path, monkeypatch)
                                 velocity=[3.0, 4.0], effort=[0.0, 5.0])
     data = serialize_message(state)
 
+    def use(*contents):
+        monkeypatch.setitem(sys.modules, 'rosbag2_py', FakeRosbag2(*contents))
     # This simulates a machine without rosbags.
     monkeypatch.setattr(opener, 'find_spec', lambda name: name == 'rosbag2_py' or None)
-    monkeypatch.setattr(opener, '_open_with_rosbag2', lambda path: rosbag2_bag(
-        path, FakeReader([('/joint_states', data, 0), ('/other', b'', 0)])))
+    use(('/joint_states', data, 0), ('/other', b'', 0))
     run = read_run(tmp_path)
     assert run.metadata == {'key': 'value'}
     assert run.joints == {0: [{'ball_angle': 1.0, 'ball_rate': 3.0, 'joint_angle': 2.0,
                                'joint_rate': 4.0, 'pendulum_torque': 5.0}]}
-    with refused('unreadable'):
-        list(rosbag2_bag(Path('bag'), FakeReader([None])).messages(()))
+    use(None)
+    for damaged in (tmp_path, tmp_path / 'none'):
+        with refused('unreadable'):
+            read_run(damaged)
