@@ -11,13 +11,10 @@ from ballbot_ros.bags.opener import Bag, open_bag
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics import Trajectory
+from ballbot_ros.physics import State, Trajectory
 from ballbot_ros.physics.simulation.model import Model
 
 Values = Dict[str, float]
-# Columns of a trajectory after the time, by their names in a ball_state.
-COLUMNS = ('ball_angle', 'pendulum_angle', 'x', 'y', 'ball_rate', 'pendulum_rate', 'velocity_x',
-           'velocity_y')
 # Fields of a ball_state that determine the further motion, and the motor torque.
 BALL_STATE = ('x', 'y', 'ball_angle', 'pendulum_angle', 'velocity_x', 'velocity_y', 'ball_rate',
               'pendulum_rate', 'pendulum_torque', 'motor_work')
@@ -169,11 +166,9 @@ def same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
 def recorded_trajectory(model: Model, states: Sequence[Tuple[float, Mapping[str, float]]]
                         ) -> Trajectory:
     """Return ball states with their times [s] as a trajectory; unrecorded columns are 0."""
-    rows = np.zeros((len(states), 15))
-    for row, (time, values) in zip(rows, states):
-        row[:9] = time, *(values[name] for name in COLUMNS)
-        row[13:] = values['motor_work'], values['pendulum_torque']
-    return Trajectory(model, rows)
+    return Trajectory(model, np.array([
+        (*State(time, **{name: value for name, value in values.items() if name in State._fields}),
+         values['pendulum_torque']) for time, values in states]))
 
 
 def _set_point(message: Any, stamp: float) -> SetPoint:

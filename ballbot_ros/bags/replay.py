@@ -103,13 +103,10 @@ class Departure:
 def plant_values(plant: Plant) -> Values:
     """Return the values of a plant that a bag may hold."""
     state = plant.state
-    values = {name: float(getattr(state, name)) for name in (
-        'x', 'y', 'ball_angle', 'pendulum_angle', 'velocity_x', 'velocity_y', 'ball_rate',
-        'pendulum_rate', 'joint_angle', 'joint_rate', 'motor_work')}
     position_x, position_y, heading = plant.relative_pose
-    lateral = plant.lateral._replace(heading=heading)._asdict()
-    return {**values, **lateral, 'position_x': position_x, 'position_y': position_y,
-            'pendulum_torque': float(plant.torque)}
+    return {**state._asdict(), 'joint_angle': state.joint_angle, 'joint_rate': state.joint_rate,
+            **plant.lateral._asdict(), 'position_x': position_x, 'position_y': position_y,
+            'heading': heading, 'pendulum_torque': float(plant.torque)}
 
 
 @dataclass(eq=False)
