@@ -61,7 +61,9 @@ def record(observer: Observer, folder: Path, topics: List[str], duration: float,
     Returns the number of messages by topic; `say` receives a sentence for each recorded topic and
     for each that cannot be recorded.  Raises `ConfigurationError` if the folder exists.
     """
-    check_new(folder)
+    if folder.exists():  # a bag would replace it
+        raise ConfigurationError(
+            f'{folder} exists already; name another folder with -o, or remove it', 'exists', '-o')
     metadata = source_metadata(observer)
     node, counts, known = observer.node, Counter[str](), set()
     wanted = {observer.resolve(topic) for topic in topics}
@@ -104,10 +106,3 @@ def record(observer: Observer, folder: Path, topics: List[str], duration: float,
             pass
         bag.take_all()
     return counts
-
-
-def check_new(folder: Path) -> None:
-    """Refuse an existing folder, which a bag would replace."""
-    if folder.exists():
-        raise ConfigurationError(
-            f'{folder} exists already; name another folder with -o, or remove it', 'exists', '-o')

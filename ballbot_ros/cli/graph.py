@@ -114,7 +114,6 @@ def record(arguments: argparse.Namespace) -> int:
                                  'TOPIC')
     folder = arguments.output or Path(time.strftime('bag_%Y_%m_%d-%H_%M_%S'))
     recorder = from_ros('ballbot_ros.bags.record')
-    recorder.check_new(folder)
     from ballbot_ros.results.files import check_writable
     check_writable(folder.parent / f'{folder.name}.mcap')
     with from_ros().Observer('record') as observer:
