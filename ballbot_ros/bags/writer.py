@@ -212,17 +212,22 @@ def bag_writer(folder: Path, metadata: Mapping[str, str]) -> Any:
     raise ConfigurationError(MISSING, 'not_installed', 'rosbag2_py')
 
 
+def message_types() -> Any:
+    """Return the message types of ROS and of this package, as a store of rosbags."""
+    from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+    store, own = get_typestore(Stores.ROS2_JAZZY), {}
+    for file in sorted(shipped_folder('msg').glob('*.msg')):
+        own.update(get_types_from_msg(file.read_text(), f'{PACKAGE}/msg/{file.stem}'))
+    store.register(own)
+    return store
+
+
 class RosbagsWriter:
     """Writes with the Python package rosbags; see `bag_writer`."""
 
     def __init__(self, folder: Path, metadata: Mapping[str, str]):
         from rosbags.rosbag2 import StoragePlugin, Writer
-        from rosbags.typesys import get_types_from_msg, get_typestore, Stores
-        self._store = get_typestore(Stores.ROS2_JAZZY)
-        own: dict[str, Any] = {}
-        for file in sorted(shipped_folder('msg').glob('*.msg')):
-            own.update(get_types_from_msg(file.read_text(), f'{PACKAGE}/msg/{file.stem}'))
-        self._store.register(own)
+        self._store = message_types()
         self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
         for key, value in metadata.items():
             self._writer.set_custom_data(key, value)

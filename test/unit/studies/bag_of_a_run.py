@@ -4,7 +4,9 @@ import numpy as np
 
 from ballbot_ros.bags.recorded_run import BALL_STATE, LATERAL_STATE
 from ballbot_ros.bags.replay import plant_values
-from ballbot_ros.bags.writer import RosbagsWriter
+from ballbot_ros.bags.writer import message_types, RosbagsWriter
+
+TYPES = message_types()
 
 
 class BagOf:
@@ -13,18 +15,17 @@ class BagOf:
     def __init__(self, folder, metadata, namespace=''):
         self.writer = RosbagsWriter(folder, metadata)
         self.writer.open()
-        self.namespace, self.store = namespace, self.writer._store
-        self.topics = {}
+        self.namespace, self.topics = namespace, {}
 
     def write(self, place, kind, stamp, **fields):
-        types = self.store.types
+        types = TYPES.types
         header = types['std_msgs/msg/Header'](
             types['builtin_interfaces/msg/Time'](stamp // 10**9, stamp % 10**9), '')
         topic = f'{self.namespace}/{place}'
         if topic not in self.topics:
             self.topics[topic] = self.writer.add_topic(topic, kind)
         message = types[kind](header=header, **fields)
-        self.writer.write(self.topics[topic], stamp, self.store.serialize_cdr(message, kind))
+        self.writer.write(self.topics[topic], stamp, TYPES.serialize_cdr(message, kind))
 
     def joints(self, name, stamp, names, position=(), velocity=(), effort=()):
         self.write(name, 'sensor_msgs/msg/JointState', stamp, name=names,
