@@ -33,20 +33,20 @@ def own_domain(number: int = 0) -> int:
     if given:
         return int(given)
     key = (os.getpid(), number)
-    for domain in ((key[0] + shift) % 101 + 1 for shift in range(0 if key in _claims else 101)):
-        claim = socket.socket(socket.AF_UNIX)
+    if key in _claims:
+        return _claims[key][0]
+    for shift in range(101):
+        domain, claim = (key[0] + shift) % 101 + 1, socket.socket(socket.AF_UNIX)
         try:
             claim.bind(f'\0ballbot_ros_domain_{domain}')
         except OSError:
             claim.close()
-            continue
-        _claims[key] = domain, claim
-        break
-    if key not in _claims:
-        raise ConfigurationError(
-            'the ROS domains 1 to 101 are all in use by other runs of this package on this '
-            'machine; end some of them, or set ROS_DOMAIN_ID', 'unavailable', 'ROS_DOMAIN_ID')
-    return _claims[key][0]
+        else:
+            _claims[key] = domain, claim
+            return domain
+    raise ConfigurationError(
+        'the ROS domains 1 to 101 are all in use by other runs of this package on this machine; '
+        'end some of them, or set ROS_DOMAIN_ID', 'unavailable', 'ROS_DOMAIN_ID')
 
 
 def environment(domain: int, folder: Path) -> Dict[str, str]:
