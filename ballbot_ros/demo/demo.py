@@ -9,7 +9,8 @@ import sys
 from tempfile import TemporaryFile
 import time
 from typing import (
-    BinaryIO, Callable, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple)
+    Any, BinaryIO, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional,
+    Sequence, Tuple)
 
 from matplotlib.figure import Figure
 from rclpy.node import Node
@@ -17,7 +18,7 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
-from ballbot_ros.bags.recorded_run import BALL_STATE, recorded_trajectory
+from ballbot_ros.bags.recorded_run import BALL_STATE, recorded_trajectory, stamp_of
 from ballbot_ros.bags.writer import also_recorded, BagRecorder, verdict
 from ballbot_ros.config.fields import check_value
 from ballbot_ros.config.files import find_config, read_yaml, shipped_files
@@ -134,7 +135,6 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
     run at the same time, each on a separate ROS domain, unless the environment sets the domain.
     `quiet` prints only the verdict; `timeout` is the longest wall time without a new state [s].
     """
-    lockstep_period = 0.0 if real_time else 1.0 / STATES['terrain_observation']
     prepare(('simulator', 'controller', 'decision'))  # before anything is waited for
     import_nodes(('simulator', 'controller', 'obstacle_decision'))
     together = len(cases) > 1 and not (real_time or watched or os.environ.get('ROS_DOMAIN_ID'))
@@ -145,16 +145,13 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
               f'{lockstep_note(real_time, watched)}.', flush=True)
 
     def play(case: DemoCase, domain: int, folder: Path, timeline: Timeline) -> List[str]:
-        simulator = {
-            'scene': case.scene, 'robot': case.robot, 'control_rate': CONTROL_RATE,
-            'lockstep': not real_time,
-            'real_time_factor': 1.0 if real_time or watched else 0.0, 'start_paused': True}
+        simulator, controller = loop_parameters(
+            {'scene': case.scene}, case.robot, case.tuning, 1.0 / STATES['terrain_observation'],
+            real_time, watched)
         decision = {'robot': case.robot, 'curve': case.curve, 'control_tuning': case.tuning,
                     'planner': case.planner}
         metadata = bag_metadata(
             SIMULATOR, simulator, load_scene(case.scene, case.robot), decision)
-        controller = {'robot': case.robot, 'tuning': case.tuning, 'rate': CONTROL_RATE,
-                      'lockstep_set_point_period': lockstep_period}
         with recorded_graph(
                 folder, (*TOPICS, *TOOL_TOPICS), timeline,
                 {'controller': controller, 'obstacle_decision': decision, 'simulator': simulator},
@@ -168,6 +165,15 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
     return max(in_processes([
         partial(run_case, out / Path(case.scene).stem, case, quiet, partial(play, case, domain))
         for case, domain in zip(cases, domains)], together))
+
+
+def loop_parameters(ground: Mapping[str, str], robot: str, tuning: str, set_point_period: float,
+                    real_time: bool, watched: bool) -> Tuple[Dict[str, Any], Dict[str, Any]]:
+    """Return the parameters of simulator and controller, on a scene or floor; see `run_demo`."""
+    return ({**ground, 'robot': robot, 'control_rate': CONTROL_RATE, 'lockstep': not real_time,
+             'real_time_factor': 1.0 if real_time or watched else 0.0, 'start_paused': True},
+            {'robot': robot, 'tuning': tuning, 'rate': CONTROL_RATE,
+             'lockstep_set_point_period': 0.0 if real_time else set_point_period})
 
 
 def lockstep_note(real_time: bool, watched: bool) -> str:
@@ -223,8 +229,7 @@ def check_bag(graph: RecordedGraph, rates: Mapping[str, float], quiet: bool) -> 
     if not states:
         return []
     # The replies to the last state may be missing.
-    last = states[-1].header.stamp
-    end = last.sec * 10**9 + last.nanosec - round(1e9 / min(rates.values()))
+    end = stamp_of(states[-1]) - round(1e9 / min(rates.values()))
     wrong, count = verdict(graph.bag.folder, graph.bag.recorded, rates, end)
     if not wrong and not quiet:
         print(f'\nbag: complete, {count:,} messages', flush=True)

@@ -15,8 +15,8 @@ from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
 from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.demo.demo import (
-    ANSWERS, check_bag, conclude, CONTROL_RATE, DECISION, fitting_curve, in_processes,
-    lockstep_note, print_event, RecordedSimulation, ROBOT, STATES, TOOL_TOPICS, TUNING)
+    ANSWERS, check_bag, conclude, DECISION, fitting_curve, in_processes, lockstep_note,
+    loop_parameters, print_event, RecordedSimulation, ROBOT, STATES, TOOL_TOPICS, TUNING)
 from ballbot_ros.demo.forked import import_nodes
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
@@ -87,12 +87,9 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
 
     def play() -> List[str]:
         rates = RATES if real_time else LOCKSTEP_RATES
-        simulator = {
-            'floor': FLOOR, 'start': ','.join(map(str, START)), 'robot': robot,
-            'control_rate': CONTROL_RATE, 'lockstep': not real_time,
-            'real_time_factor': 1.0 if real_time or watched else 0.0, 'start_paused': True}
-        controller = {'robot': robot, 'tuning': TUNING, 'rate': CONTROL_RATE,
-                      'lockstep_set_point_period': 0.0 if real_time else PERIOD}
+        simulator, controller = loop_parameters(
+            {'floor': FLOOR, 'start': ','.join(map(str, START))}, robot, TUNING, PERIOD,
+            real_time, watched)
         navigator = {'floor': FLOOR, 'robot': robot, 'control_tuning': TUNING, 'curve': curve}
         with recorded_graph(
                 out, (*LOCKSTEP_RATES, *OTHER_TOPICS, *TOOL_TOPICS), timeline,
