@@ -61,7 +61,8 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
             'bridge': bridge, 'obstacle_decision': decision}
         import_nodes(nodes)
         with recorded_graph(
-                folder, (*TOPICS, *TOOL_TOPICS, *MORE_TOPICS), timeline, nodes, metadata) as graph:
+                folder, (*TOPICS, *TOOL_TOPICS, *MORE_TOPICS), timeline, nodes, metadata,
+                own_domain()) as graph:
             return graph.run(GetGoing(graph.node).poll, timeout, longest=timeout)
 
     prepare(('simulator', 'bridge', 'decision'))  # before any wait
@@ -113,26 +114,17 @@ class GetGoing:
         now = time.monotonic()
         if self._answer is not None and self._answer.done():
             answer, self._answer = self._answer.result(), None
-            return self._handle_reply(answer.success, answer.message, now)
+            if answer.success:
+                self._done += 1
+                return None
+            service, self._done = self._services[self._done], 0  # the e-stop may have engaged
+            self._refused_since = self._refused_since or now
+            return None if now - self._refused_since <= REFUSAL_TIMEOUT else (
+                f'{service} has refused for {REFUSAL_TIMEOUT:g} s: {answer.message}')
         if self._answer is None and now > self._next and all(
                 client.service_is_ready() for client in self._clients):
             self._answer = self._clients[self._done].call_async(Trigger.Request())
             self._next = now + CALL_PERIOD
-        return None
-
-    def _handle_reply(self, success: bool, message: str, now: float) -> Optional[str]:
-        """Handle a reply; if the decision cannot resume, the e-stop has engaged again."""
-        service = self._services[self._done]
-        if success:
-            self._done += 1
-            if self._done == len(self._clients):
-                self._refused_since = None
-            return None
-        self._done = 0
-        if self._refused_since is None:
-            self._refused_since = now
-        if now - self._refused_since > REFUSAL_TIMEOUT:
-            return f'{service} has refused for {REFUSAL_TIMEOUT:g} s: {message}'
         return None
 
 

@@ -15,8 +15,9 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 
+from ballbot_ros.bags import recorded_run
 from ballbot_ros.bags.writer import BagRecorder, stamp_of
-from ballbot_ros.demo.processes import NodeProcesses, own_domain
+from ballbot_ros.demo.processes import NodeProcesses
 from ballbot_ros.demo.timeline import Timeline
 from ballbot_ros.msg import BallState, StepDecision
 from ballbot_ros.ros import discovery
@@ -112,8 +113,8 @@ class RecordedGraph:
             self.timeline.add_decision(deserialize_message(data, StepDecision))
 
     def _recorded_to_end(self, topics: Sequence[str]) -> bool:
-        stamp = self.timeline.states[-1].header.stamp
-        return self.bag.reached(dict.fromkeys(topics, stamp.sec * 10**9 + stamp.nanosec))
+        last = recorded_run.stamp_of(self.timeline.states[-1])
+        return self.bag.reached(dict.fromkeys(topics, last))
 
     def _failure(self, name: str, code: int) -> str:
         return f'node {name} ended with code {code}, see {self.nodes.log(name)}'
@@ -121,17 +122,14 @@ class RecordedGraph:
 
 @contextmanager
 def recorded_graph(out: Path, topics: Sequence[str], timeline: Timeline,
-                   nodes: Mapping[str, Mapping[str, Any]],
-                   metadata: Optional[Mapping[str, str]] = None,
-                   domain: Optional[int] = None) -> Iterator[RecordedGraph]:
+                   nodes: Mapping[str, Mapping[str, Any]], metadata: Mapping[str, str],
+                   domain: int) -> Iterator[RecordedGraph]:
     """
-    Yield a graph of nodes, given by their parameters; terminate all processes on exit.
+    Yield a graph of nodes, given by their parameters, on a ROS domain; end all processes on exit.
 
-    The topics are recorded to a bag in the folder `out`; ``ball_state`` and ``step_decision``
-    also go to the timeline.  The bag contains the `metadata`.  By default the ROS domain is
-    `own_domain`.
+    The topics are recorded to a bag with the `metadata` in the folder `out`; ``ball_state`` and
+    ``step_decision`` also go to the timeline.
     """
-    domain = own_domain() if domain is None else domain
     discovery.apply(os.environ)
     messages = MessagesInOrder(*(topic for topic in (STATES, DECISIONS) if topic in topics))
     with NodeProcesses(out / 'logs', domain) as processes:
@@ -146,7 +144,7 @@ def recorded_graph(out: Path, topics: Sequence[str], timeline: Timeline,
 
 
 @contextmanager
-def recording(name: str, out: Path, metadata: Optional[Mapping[str, str]], domain: int
+def recording(name: str, out: Path, metadata: Mapping[str, str], domain: int
               ) -> Iterator[Tuple[Node, Executor, Node, BagRecorder]]:
     """Yield a node, its executor, a second node for recording, and the bag in a folder."""
     rclpy.init(domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
