@@ -41,7 +41,6 @@ class Passage:
     expected: Optional[Expected]  # None if either is accepted
     decided: List[int] = field(default_factory=list)
     touched: Optional[float] = None  # time of the touch [s]
-    touch_speed: float = math.nan
     crossed: Optional[float] = None
 
     @property
@@ -128,7 +127,7 @@ class Timeline:
         if passage.touched is None and any(
                 touch.kind == Contact.KIND_EDGE and abs(touch.x - passage.x) < CONTACT_DISTANCE_MAX
                 for touch in message.contacts):
-            passage.touched, passage.touch_speed = self.now, before.velocity_x
+            passage.touched = self.now
             limit = '' if math.isnan(self._limit) else (
                 f'; the plan crosses up to {1e3 * self._limit:.0f} mm')
             self._report(self.now, 'touches', f'the {passage.name} at '
