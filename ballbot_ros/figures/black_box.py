@@ -19,7 +19,7 @@ MOST_LINES = 14
 WIDEST = 118
 
 
-def around_fault(recording: BlackBoxRecording, before: float = 5.0) -> Figure:
+def around_fault(recording: BlackBoxRecording, before: float) -> Figure:
     """Draw each quantity in a panel, from `before` [s] before the fault to the end."""
     fault, (start, end) = recording.fault_time, recording.span
     start = max(start, fault - before)

@@ -21,9 +21,9 @@ POLICIES = (('coast', None, canvas.VERMILION, '-'), ('brake', None, canvas.BLUE,
             ('brake', DAMPING_TIME, canvas.BLUE, ':'), ('settle', None, canvas.GREEN, '-'))
 
 
-def on_timeout(progress: Progress = ignore, hardware: str = 'gimball_odrive') -> Figure:
+def on_timeout(progress: Progress = ignore) -> Figure:
     """Show speed and pendulum angle after the last command, in a column per initial state."""
-    found = load_hardware(hardware)
+    found = load_hardware('gimball_odrive')
     report = counted(progress, len(COLUMNS) * len(POLICIES))
     with canvas.panels(10.4, 5.0) as figure:
         for number, (title, slope, speed) in enumerate(COLUMNS):

@@ -14,14 +14,15 @@ from ballbot_ros.studies import free_ball
 from ballbot_ros.studies.free_ball import compare, LateralRun
 from ballbot_ros.studies.progress import counted, ignore, Progress
 
+ROBOT = 'gimball'
 TURNING_SPEEDS = (0.2, 0.4, 0.8)  # [m/s]
 DURATION = 6.0  # [s]
 EACH = 12  # period of the markers [samples]
 
 
-def turning(progress: Progress = ignore, robot: str = 'gimball') -> Figure:
+def turning(progress: Progress = ignore) -> Figure:
     """Show yaw rate and tilt after a step of the lean and under the steering law."""
-    found = load_robot(robot)
+    found = load_robot(ROBOT)
     assert found.steering is not None
     report = counted(progress, 2 * len(TURNING_SPEEDS))
     lean = found.steering.largest_lean
@@ -67,9 +68,9 @@ ANGLES = np.radians([0.0, 7.5, 15.0, 22.5, 30.0, 37.5, 45.0])
 COLOURS = (canvas.GREEN, canvas.BLUE, canvas.VERMILION)
 
 
-def oblique(progress: Progress = ignore, robot: str = 'gimball') -> Figure:
+def oblique(progress: Progress = ignore) -> Figure:
     """Show height factor, course and heading over the angle between path and normal."""
-    found, table = load_robot(robot), load_oblique_steps(robot)
+    found, table = load_robot(ROBOT), load_oblique_steps(ROBOT)
     report = counted(progress, len(OBLIQUE_SPEEDS) * len(SET_ANGLES))
     factors = []
     for speed in OBLIQUE_SPEEDS:
