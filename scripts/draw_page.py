@@ -56,7 +56,7 @@ def browser():
 def standing(name):
     """Return a compiled scene, paused at its start."""
     load_machine_code(load_scene(name))
-    source = SceneSource(name, paused=True)
+    source = SceneSource(name)
     source.apply('step', 0.02)
     source.apply('reset', True)
     return source

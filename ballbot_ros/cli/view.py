@@ -72,7 +72,7 @@ def source_of(arguments: argparse.Namespace) -> Any:
         from ballbot_ros.view.floor_source import FloorSource
         return FloorSource(arguments.scene)
     from ballbot_ros.view.scene_source import SceneSource
-    return SceneSource(arguments.scene, paused=True)
+    return SceneSource(arguments.scene)
 
 
 def serve(source: Any, arguments: argparse.Namespace, begin: bool) -> int:

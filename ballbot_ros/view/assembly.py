@@ -10,6 +10,7 @@ from typing import Any, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from ballbot_ros.bags.recorded_run import stamp_of
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.config.files import shipped_folder
 from ballbot_ros.decision.planning.curve import HeightCurve, load_curve
@@ -31,12 +32,6 @@ TRUE_STATE_TIMEOUT = 0.5
 
 # Shortest time between two updates of observed terrain [s]: the page redraws it each time.
 TERRAIN_PERIOD = 0.2
-
-
-def stamp_of(message: Any) -> float:
-    """Return the stamp of a message [s]."""
-    stamp = message.header.stamp
-    return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 
 class FrameAssembly:
@@ -73,7 +68,7 @@ class FrameAssembly:
         return frame
 
     def _take_ball_state(self, message: Any) -> Frame:
-        self._state_at = stamp_of(message)
+        self._state_at = stamp_of(message) / 1e9
         return Frame(
             self._state_at, message.x, message.y, message.ball_angle,
             known(message.pendulum_angle), message.velocity_x, message.velocity_y,
@@ -87,7 +82,7 @@ class FrameAssembly:
             getattr(message, 'lean', 0.0), getattr(message, 'tilt', 0.0))
 
     def _take_joint_states(self, message: Any) -> Optional[Frame]:
-        time = stamp_of(message)
+        time = stamp_of(message) / 1e9
         if 0.0 <= time - self._state_at < TRUE_STATE_TIMEOUT:
             return None
         joints = list(message.name)
@@ -124,7 +119,7 @@ class FrameAssembly:
 
     def _position_of(self, message: Any) -> Optional[Any]:
         """Return the position of the ball if it is known and a terrain update is due."""
-        time = stamp_of(message)
+        time = stamp_of(message) / 1e9
         if self._given is not None or self._odom is None \
                 or 0.0 <= time - self._observed_at < TERRAIN_PERIOD:
             return None

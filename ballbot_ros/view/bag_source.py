@@ -102,7 +102,7 @@ class BagSource(MessageSource):
         super().__init__({
             **{name: made.decision[name] for name in CURVE_PARAMETERS if name in made.decision},
             **made.parameters}, robot)
-        self._playback = Playback(lambda: self._history.span)
+        self._playback = Playback(lambda: self.history.span)
         self._playback.pause(paused)
         self._reading, self._failure = True, ''
 
@@ -113,12 +113,12 @@ class BagSource(MessageSource):
 
     @property
     def shown(self) -> Optional[Frame]:
-        return self._history.at(self._playback.place)
+        return self.history.at(self._playback.place)
 
     @property
     def health(self) -> Health:
         reading = ('Reading the bag.',) if self._reading else ()
-        runs = self._history.epoch + 1
+        runs = self.history.epoch + 1
         last = () if runs == 1 else (
             f'Time restarts {runs - 1} times in this bag, as after ~/reset: '
             'this is the last run.',)
@@ -128,7 +128,7 @@ class BagSource(MessageSource):
 
     @property
     def controls(self) -> Mapping[str, Control]:
-        begin, end = self._history.span
+        begin, end = self.history.span
         return MappingProxyType({
             'pause': Control(self._playback.paused),
             'step': Control(None, 1e-3, 10.0, 's'),
@@ -168,12 +168,12 @@ class BagSource(MessageSource):
                     time = frame.time - origin
                     if time < newest:  # a reset during the recording
                         self._assembly.restart()
-                    elif self._history.newest and time - newest < 0.9 * spacing:
+                    elif self.history.newest and time - newest < 0.9 * spacing:
                         continue
                     newest = time
-                    self._history.add(replace(frame, time=time))
-                    if len(self._history) >= FRAMES_MAX:
-                        self._history.thin()
+                    self.history.add(replace(frame, time=time))
+                    if len(self.history) >= FRAMES_MAX:
+                        self.history.thin()
                         spacing *= 2.0
         except ConfigurationError as error:
             self._failure = str(error)

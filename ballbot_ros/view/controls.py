@@ -146,7 +146,7 @@ class Controls:
         slider, shown = self._widgets.get('seek'), self._source.shown
         if slider is None or shown is None:
             return
-        first, last = self._source.span
+        first, last = self._source.history.span
         if last > first:
             # The end moves in steps of 5 s, because each change is a message.
             if not slider.max - 5.0 <= last <= slider.max:

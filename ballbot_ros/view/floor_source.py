@@ -21,13 +21,13 @@ SET_SPEED_MAX, YAW_RATE_MAX = 1.2, 0.5  # set-points [m/s], [rad/s]
 
 
 class FloorSource(Source):
-    """A robot on a floor, both given by name or file, driven by the controls of the page."""
+    """The robot gimball on a floor, given by name or file, driven by the controls of the page."""
 
-    def __init__(self, floor: str, robot: str = 'gimball'):
+    def __init__(self, floor: str):
         super().__init__()
         self.floor = load_floor(floor)
         self.start_pose = self.floor.start
-        self._plant = FloorPlant(load_robot(robot), self.floor, self.start_pose, CONTROL_RATE)
+        self._plant = FloorPlant(load_robot('gimball'), self.floor, self.start_pose, CONTROL_RATE)
         self._controller = checked_controller(
             self._plant.model.robot, load_tuning('gentle'), CONTROL_RATE, 0, Supervision())
         self._lock = Lock()
@@ -55,12 +55,10 @@ class FloorSource(Source):
 
     @property
     def controls(self) -> Mapping[str, Control]:
-        steers = '' if self._plant.steers else 'the robot file has no section steering'
         return MappingProxyType({
             'pause': Control(self._paused, refusal=self._failure), 'reset': Control(None),
             'set_point': Control(self._speed, -SET_SPEED_MAX, SET_SPEED_MAX, 'm/s'),
-            'yaw_rate': Control(
-                self._yaw_rate, -YAW_RATE_MAX, YAW_RATE_MAX, 'rad/s', refusal=steers)})
+            'yaw_rate': Control(self._yaw_rate, -YAW_RATE_MAX, YAW_RATE_MAX, 'rad/s')})
 
     def _set_pause(self, paused: bool) -> None:
         self._paused = paused
@@ -99,10 +97,8 @@ class FloorSource(Source):
         plant, state = self._plant, self._plant.state
         self._controller.give(SetPoint(Mode.SPEED, self._speed, plant.time))
         self._controller.take(JointReadings.of(state))
-        torque = self._controller.answer() or 0.0
-        lean = law(self.robot, plant.lateral, state.velocity_x, self._yaw_rate) \
-            if plant.steers else 0.0
-        plant.advance(torque, lean)
+        plant.advance(self._controller.answer() or 0.0,
+                      law(self.robot, plant.lateral, state.velocity_x, self._yaw_rate))
         if plant.periods % PERIODS_PER_FRAME == 0:
             self._note()
 
@@ -110,7 +106,7 @@ class FloorSource(Source):
         """Add the present state to the history as a frame."""
         plant, state, lateral = self._plant, self._plant.state, self._plant.lateral
         contacts = tuple(map(ContactForce.of, plant.model.touches(state)))
-        self._history.add(Frame(
+        self.history.add(Frame(
             plant.time, state.x, state.y, state.ball_angle, state.pendulum_angle,
             state.velocity_x, state.velocity_y, state.ball_rate, state.pendulum_rate,
             plant.torque, contacts, place=plant.relative_pose, lean=lateral.lean,

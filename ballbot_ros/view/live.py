@@ -48,7 +48,7 @@ class LiveSource(MessageSource):
         if self._origin is None:
             self._origin = frame.time if frame.time > WALL_CLOCK else 0.0
         frame = replace(frame, time=frame.time - self._origin)
-        newest = self._history.newest
+        newest = self.history.newest
         if newest is not None and frame.time <= newest.time:
             if frame.time > newest.time - FRAME_TIMEOUT:
                 return  # repeated in lockstep, or out of order
@@ -57,7 +57,7 @@ class LiveSource(MessageSource):
             self._assembly.restart()
             self._speedometer = Speedometer()
         self._frame_at = monotonic()
-        self._history.add(frame)
+        self.history.add(frame)
         self._speedometer.note(frame.time, self._frame_at)
 
     def learn(self, node: str, parameters: Mapping[str, Any]) -> None:
@@ -94,7 +94,7 @@ class LiveSource(MessageSource):
     def controls(self) -> Mapping[str, Control]:
         """Return all controls at all times: a control without its node has a refusal."""
         presence = self._link.presence
-        start, end = self._history.span
+        start, end = self.history.span
         found = {'pause': Control(self._paused), 'seek': Control(None, start, end, 's')}
         simulator, bridge = ('' if name in presence.nodes else f'no node {name} is running'
                              for name in ('simulator', 'bridge'))
@@ -109,7 +109,7 @@ class LiveSource(MessageSource):
         found['set_point'] = Control(
             self._set_point if law != 'free' else None, -largest, largest, unit,
             refusal=refusal or ('' if law != 'free' else 'choose a law other than free'))
-        newest = self._history.newest
+        newest = self.history.newest
         found['goal'] = Control(None, refusal='' if 'navigator' in presence.nodes else (
             'no node navigator is running; "ballbot demo --house --view" runs one'))
         found['e_stop'] = Control(None if newest is None else newest.e_stop, refusal=bridge)
@@ -154,7 +154,7 @@ class LiveSource(MessageSource):
         if simulated:
             self._link.trigger('simulator/pause' if value else 'simulator/resume')
             self._paused_at = monotonic() if value else -math.inf
-        newest = self._history.newest
+        newest = self.history.newest
         # A real robot cannot be paused: the page shows one frame instead.
         self._sought = newest.time if value and not simulated and newest is not None else None
 
@@ -166,7 +166,7 @@ class LiveSource(MessageSource):
     def _set_reset(self, _: bool) -> None:
         self._link.trigger('simulator/reset')
         self._sought = None
-        self._history.forget()
+        self.history.forget()
 
     def _set_seek(self, time: float) -> None:
         self._sought = time

@@ -38,10 +38,8 @@ class Page:
     @property
     def url(self) -> str:
         host = self._server.get_host()
-        shown = {'0.0.0.0': '127.0.0.1', '::': '[::1]'}.get(host, host)
-        if ':' in shown and not shown.startswith('['):
-            shown = f'[{shown}]'
-        return f'http://{shown}:{self._server.get_port()}'
+        host = {'0.0.0.0': '127.0.0.1', '::': '::1'}.get(host, host)
+        return f'http://{f"[{host}]" if ":" in host else host}:{self._server.get_port()}'
 
     def start(self) -> None:
         self._source.start()

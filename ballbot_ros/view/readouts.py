@@ -88,11 +88,11 @@ class Readouts:
 
     def plot(self, source: Source, frame: Frame) -> None:
         """Draw the time series up to the time of a frame."""
-        if self._drawn == (source.epoch, frame.time):
+        if self._drawn == (source.history.epoch, frame.time):
             return
-        self._drawn = source.epoch, frame.time
+        self._drawn = source.history.epoch, frame.time
         since = frame.time - PLOT_TIME
-        frames = [passed for passed in source.history(since) if passed.time <= frame.time]
+        frames = [passed for passed in source.history.since(since) if passed.time <= frame.time]
         frames = thinned(frames, PLOT_TIME / PLOT_POINTS_MAX)
         if len(frames) < 2:
             return

@@ -33,19 +33,19 @@ DRIVE_SPEED = 0.5  # speed offered by the page for a robot at rest [m/s]
 
 class SceneSource(Source):
     """
-    Simulates a scene, by name or file, and keeps its frames.
+    Simulates a scene, by name or file, and keeps its frames; paused at first.
 
     The scene repeats after its duration until a control changes robot, ground, law or solver; then
     it continues indefinitely.  Controls act between two frames.  Raises `ConfigurationError` for a
     scene that cannot be read.
     """
 
-    def __init__(self, name: str, paused: bool = False):
+    def __init__(self, name: str):
         super().__init__()
         self._name = self._first_name = name
         self._run = SceneRun(load_scene(name))
         self._robot_name = self._run.robot.name
-        self._paused, self._speed = paused, 1.0
+        self._paused, self._speed = True, 1.0
         self._repeats = True
         self._moved_at = 0.0  # last time of motion [s]
         self._failure = ''
@@ -155,13 +155,13 @@ class SceneSource(Source):
         state = self._run.state
         if math.hypot(state.velocity_x, state.velocity_y) > REST_SPEED:
             self._moved_at = state.time
-        self._history.add(self._run.frame())
+        self.history.add(self._run.frame())
 
     def _begin(self) -> None:
         """Show the start of the scene, whose time 0 starts a new epoch."""
         self._failure, self._sought = '', None
         self._moved_at = self._run.state.time
-        self._history.add(self._run.frame())
+        self.history.add(self._run.frame())
         self._describe()
 
     def _set_pause(self, value: bool) -> None:
@@ -220,7 +220,7 @@ class SceneSource(Source):
             'step': Control(lowest=run.period, highest=LONGEST_STRIDE, unit='s'),
             'reset': Control(),
             'speed': Control(self._speed, TIME_SCALE_MIN, TIME_SCALE_MAX),
-            'seek': Control(lowest=self._history.span[0], unit='s'),
+            'seek': Control(lowest=self.history.span[0], unit='s'),
             'scene': Control(self._name, choices=_names('scenes', self._first_name)),
             'robot': Control(self._robot_name, choices=_names('robots', self._robot_name)),
             'law': Control(law, choices=laws_of(run.robot)),

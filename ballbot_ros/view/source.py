@@ -93,7 +93,7 @@ class FrameHistory:
         self._most = most
         self._lock = Lock()
         self._frames: List[Frame] = []
-        self.epoch = 0  # number of restarts
+        self.epoch = 0  # number of restarts: frames of another epoch belong to another run
 
     def add(self, frame: Frame) -> None:
         """Add a frame; one that is not later than the last frame starts a new epoch."""
@@ -158,7 +158,7 @@ class Source(ABC):
     """
 
     def __init__(self) -> None:
-        self._history = FrameHistory()
+        self.history = FrameHistory()
         self._sought: Optional[float] = None  # time to show instead of the latest [s]
         self._ending = Event()
         self._thread: Optional[Thread] = None
@@ -206,23 +206,9 @@ class Source(ABC):
         """Add frames to the history until `_ending` is set."""
 
     @property
-    def epoch(self) -> int:
-        """Return the number of restarts: frames of another epoch belong to another run."""
-        return self._history.epoch
-
-    @property
     def shown(self) -> Optional[Frame]:
         """Return the frame to show: the latest, or that of the selected time; None if none."""
-        return self._history.newest if self._sought is None else self._history.at(self._sought)
-
-    @property
-    def span(self) -> Tuple[float, float]:
-        """Return the times of the first and the last frame [s]; both 0 if there is none."""
-        return self._history.span
-
-    def history(self, since: float) -> Sequence[Frame]:
-        """Return the frames of this epoch later than a time [s], oldest first."""
-        return self._history.since(since)
+        return self.history.newest if self._sought is None else self.history.at(self._sought)
 
     def apply(self, name: str, value: Value) -> None:
         """

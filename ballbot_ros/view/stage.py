@@ -187,10 +187,10 @@ class Stage:
 
     def draw_path(self, source: Source, frame: Frame) -> None:
         """Draw the path of the centre up to a frame; takes longer than `draw`."""
-        if source.epoch != self._epoch:
-            self._epoch, self._path, self._path_since = source.epoch, [], -math.inf
+        if source.history.epoch != self._epoch:
+            self._epoch, self._path, self._path_since = source.history.epoch, [], -math.inf
         apart = PATH_SPACING * source.robot.ball_radius
-        for passed in source.history(self._path_since):
+        for passed in source.history.since(self._path_since):
             self._path_since = passed.time
             point = place_of(source, passed)
             if point is not None and (

@@ -74,15 +74,15 @@ def test_a_clock_that_counts_from_1970_is_shown_from_0(link):
     source = LiveSource(link=link)
     for stamp in (1.7e9, 1.7e9 + 0.5):
         source.receive('ball_state', state(stamp))
-    assert source.span == (0.0, pytest.approx(0.5))
+    assert source.history.span == (0.0, pytest.approx(0.5))
 
 
 def test_a_repeated_state_counts_once_and_a_restart_of_time_is_a_new_epoch(source, link):
     source.receive('ball_state', state(5.01))
-    assert len(source.history(-1.0)) == 2
-    epoch = source.epoch
+    assert len(source.history) == 2
+    epoch = source.history.epoch
     source.receive('ball_state', state(0.0))
-    assert source.epoch != epoch and source.span == (0.0, 0.0)
+    assert source.history.epoch != epoch and source.history.span == (0.0, 0.0)
     assert ('ask_again',) in link.calls  # it may be another simulator
 
 
@@ -334,4 +334,4 @@ def test_live_frames_are_kept_without_a_viewer(link, monkeypatch):
     source = LiveSource(link=link)
     for number in range(300):
         source.receive('ball_state', state(0.01 * number))
-    assert len(source.history(-1.0)) == 300
+    assert len(source.history) == 300

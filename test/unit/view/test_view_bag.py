@@ -1,35 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag on the page: recorded values are shown at their time, missing ones are not invented."""
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from refusals import refused
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
 from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
+from ballbot_ros.bags.writer import message_types, RosbagsWriter
 from ballbot_ros.decision import Kind, Reason
 from ballbot_ros.physics import load_robot, load_scene
 from ballbot_ros.view.assembly import FrameAssembly, KINDS, REASONS
 from ballbot_ros.view.bag_source import BagSource, Playback
 
-MESSAGES = Path(__file__).resolve().parents[3] / 'msg'
 GIMBALL = load_robot('gimball')
-
-
-def store():
-    """Return the types of ROS and of this package."""
-    found = get_typestore(Stores.ROS2_JAZZY)
-    own = {}
-    for file in sorted(MESSAGES.glob('*.msg')):
-        own.update(get_types_from_msg(file.read_text(), f'ballbot_ros/msg/{file.stem}'))
-    found.register(own)
-    return found
-
-
-TYPES = store()
+TYPES = message_types()
 
 
 def header(time, frame=''):
@@ -63,16 +48,14 @@ def looked(time, points):
 
 def write_bag(folder, messages, metadata=None):
     """Write (topic, message, time) to a bag; the bag time may differ from the stamp."""
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        for key, text in (metadata or {}).items():
-            writer.set_custom_data(key, text)
-        connections = {}
-        for topic, message, time in messages:
-            kind = message.__msgtype__
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=TYPES)
-            writer.write(connections[topic], round(time * 1e9),
-                         TYPES.serialize_cdr(message, kind))
+    writer, connections = RosbagsWriter(folder, metadata or {}), {}
+    writer.open()
+    for topic, message, time in messages:
+        kind = message.__msgtype__
+        if topic not in connections:
+            connections[topic] = writer.add_topic(topic, kind)
+        writer.write(connections[topic], round(time * 1e9), TYPES.serialize_cdr(message, kind))
+    writer.close()
     return folder
 
 
@@ -104,7 +87,7 @@ def played():
 
 def test_a_bag_without_the_true_state_shows_the_measurements(tmp_path, played):
     source = played(write_bag(tmp_path / 'bag', rolling(begin=1.7e9)), robot='gimball')
-    assert source.span == (0.0, pytest.approx(2.0)) and len(source.history(-1.0)) == 201
+    assert source.history.span == (0.0, pytest.approx(2.0)) and len(source.history) == 201
     source.apply('seek', 1.0)
     frame = source.shown
     assert frame.time == pytest.approx(1.0, abs=1e-6) and frame.x == pytest.approx(0.5)
@@ -139,7 +122,7 @@ def test_a_bag_in_which_time_restarts_shows_the_last_run_and_a_note(
     again = [(topic, message, time + 5.0) for topic, message, time in rolling()]
     source = played(write_bag(tmp_path / 'bag', [*rolling(), *again]))
     assert any('Time restarts 1 times in this bag' in note for note in source.health.notes)
-    assert source.span == (0.0, pytest.approx(2.0, abs=0.01))
+    assert source.history.span == (0.0, pytest.approx(2.0, abs=0.01))
 
 
 def test_a_bag_without_a_robot_is_drawn_as_gimball_with_a_note(tmp_path, played):
@@ -163,7 +146,7 @@ def test_an_initial_message_without_a_stamp_does_not_thin_out_the_frames(tmp_pat
     # A latched e-stop was recorded at 0, the other messages at the current time.
     stop = TYPES.types['std_msgs/msg/Bool'](True)
     source = played(write_bag(tmp_path / 'bag', [('/e_stop', stop, 0.0), *rolling(1.7e9)]))
-    assert len(source.history(-1.0)) == 201 and source.shown.e_stop is True
+    assert len(source.history) == 201 and source.shown.e_stop is True
 
 
 def test_one_of_several_robots_must_be_selected(tmp_path, played):
@@ -174,13 +157,13 @@ def test_one_of_several_robots_must_be_selected(tmp_path, played):
         BagSource(bag)
     with refused('missing', 'namespace'):
         BagSource(bag, namespace='middle')
-    assert played(bag, namespace='/right').span[1] == pytest.approx(1.0)
+    assert played(bag, namespace='/right').history.span[1] == pytest.approx(1.0)
 
 
 def test_a_bag_of_the_demo_is_opened_by_its_folder_or_its_file(tmp_path, played):
     bag = write_bag(tmp_path / 'doorstep' / 'bag', rolling())
     assert played(tmp_path / 'doorstep').title == 'Bag doorstep/bag'
-    assert len(played(next(bag.glob('*.mcap'))).history(-1.0)) == 201
+    assert len(played(next(bag.glob('*.mcap'))).history) == 201
 
 
 @pytest.mark.parametrize('make', [

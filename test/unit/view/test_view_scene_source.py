@@ -12,13 +12,13 @@ from ballbot_ros.view.scene_source import SceneSource
 
 @pytest.fixture
 def source():
-    made = SceneSource('voltage_start', paused=True)
+    made = SceneSource('voltage_start')
     yield made
     made.close()
 
 
 def test_a_new_source_shows_the_start(source):
-    assert source.shown.time == 0.0 and source.span == (0.0, 0.0)
+    assert source.shown.time == 0.0 and source.history.span == (0.0, 0.0)
     assert source.title == 'Scene voltage_start' and not source.health.running
 
 
@@ -43,9 +43,9 @@ def test_a_step_advances_by_the_requested_time(source):
 def test_reset_starts_a_new_epoch_on_the_same_ground(source):
     source.apply('step', 0.2)
     source.apply('step_height', 0.05)
-    epoch = source.epoch
+    epoch = source.history.epoch
     source.apply('reset', True)
-    assert source.epoch == epoch + 1 and source.shown.time == 0.0
+    assert source.history.epoch == epoch + 1 and source.shown.time == 0.0
     assert source.controls['step_height'].value == pytest.approx(0.05)
 
 
@@ -107,7 +107,7 @@ def test_a_failed_run_is_reported_and_restarts_after_a_reset(source, monkeypatch
 
 def test_history_contains_the_frames_after_a_time(source):
     source.apply('step', 0.1)
-    assert [frame.time for frame in source.history(0.05)][0] == pytest.approx(0.052)
+    assert [frame.time for frame in source.history.since(0.05)][0] == pytest.approx(0.052)
 
 
 def test_closing_ends_the_thread_also_while_it_runs(source):
@@ -122,8 +122,8 @@ def test_a_scene_repeats_after_its_duration_until_a_control_changes_it(source):
     source.start()
     source.apply('speed', 4.0)
     source.apply('pause', False)
-    epoch = source.epoch
-    wait_until(lambda: source.epoch > epoch)
+    epoch = source.history.epoch
+    wait_until(lambda: source.history.epoch > epoch)
     assert source.shown.time < 5.0
     source.apply('set_point', 6.0)
     wait_until(lambda: source.shown.time > 5.5)
@@ -131,7 +131,7 @@ def test_a_scene_repeats_after_its_duration_until_a_control_changes_it(source):
 
 @pytest.mark.slow
 def test_a_robot_at_rest_offers_controls_that_move_it():
-    source = SceneSource('doorstep', paused=True)
+    source = SceneSource('doorstep')
     assert source.health.idle is None  # paused, as the state shows
     source.start()
     source.apply('pause', False)
@@ -145,7 +145,7 @@ def test_a_robot_at_rest_offers_controls_that_move_it():
 
 
 def test_at_the_e_stop_a_robot_at_rest_offers_its_release():
-    source = SceneSource('doorstep', paused=True)
+    source = SceneSource('doorstep')
     source.apply('e_stop', True)
     source.start()
     source.apply('pause', False)

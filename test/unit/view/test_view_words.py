@@ -53,7 +53,7 @@ def test_the_plot_of_the_curve_has_rising_speeds_and_the_step_at_the_present_spe
 
 
 def test_a_decision_takes_precedence_over_the_ground():
-    source = SceneSource('doorstep', paused=True)
+    source = SceneSource('doorstep')
     frame = source.shown
     assert prospect_of(source, frame).height == pytest.approx(0.031)
     seen = DecisionSign('cross', 'likely', height=0.028, distance=0.7, speed=0.8)
