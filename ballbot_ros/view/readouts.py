@@ -21,11 +21,6 @@ COLOURS: Mapping[str, str] = {
     'clear': GREEN, 'cross': GREEN, 'stop': VERMILION, 'go_round': ORANGE, 'back_off': ORANGE}
 
 
-# Title -> smallest limit of its axis, on both sides of 0.
-RANGE_MIN = {
-    'speed [m/s]': 0.2, 'pendulum angle [deg]': 10.0, 'torque [N m]': 0.5, 'energy [J]': 0.5}
-
-
 class PlottedCurve(NamedTuple):
     """A curve over time: its name, its colour, and its value in a frame."""
 
@@ -42,18 +37,19 @@ def _energy(name: str) -> Callable[[Frame], Optional[float]]:
     return lambda frame: getattr(frame.energies or EnergyShares(), name)
 
 
-# Title with unit -> its curves.  A plot without a known value is hidden.
-PLOTS: Mapping[str, Tuple[PlottedCurve, ...]] = {
-    'speed [m/s]': (PlottedCurve('ahead', BLUE, lambda frame: frame.velocity_x),
-                    PlottedCurve('up', SKY, lambda frame: frame.velocity_y)),
-    'pendulum angle [deg]': (
-        PlottedCurve('from hanging', VERMILION, lambda frame: _degrees(frame.pendulum_angle)),),
-    'torque [N m]': (PlottedCurve('motor', VERMILION, lambda frame: frame.pendulum_torque),),
-    'energy [J]': (PlottedCurve('kinetic', BLUE, _energy('kinetic')),
-                   PlottedCurve('potential', GREEN, _energy('potential')),
-                   PlottedCurve('dissipated', VERMILION, _energy('dissipated')),
-                   PlottedCurve('motor work', ORANGE, _energy('motor_work'))),
-}
+# Title with unit -> smallest limit of its axis on both sides of 0, and its curves.  A plot without
+# a known value is hidden.
+PLOTS: Mapping[str, Tuple[float, Tuple[PlottedCurve, ...]]] = {
+    'speed [m/s]': (0.2, (PlottedCurve('ahead', BLUE, lambda frame: frame.velocity_x),
+                          PlottedCurve('up', SKY, lambda frame: frame.velocity_y))),
+    'pendulum angle [deg]': (10.0, (
+        PlottedCurve('from hanging', VERMILION, lambda frame: _degrees(frame.pendulum_angle)),)),
+    'torque [N m]': (0.5, (
+        PlottedCurve('motor', VERMILION, lambda frame: frame.pendulum_torque),)),
+    'energy [J]': (0.5, (PlottedCurve('kinetic', BLUE, _energy('kinetic')),
+                         PlottedCurve('potential', GREEN, _energy('potential')),
+                         PlottedCurve('dissipated', VERMILION, _energy('dissipated')),
+                         PlottedCurve('motor work', ORANGE, _energy('motor_work'))))}
 
 
 class Readouts:
@@ -66,7 +62,7 @@ class Readouts:
             self._now = self._gui.add_html('')
             self._step = self._gui.add_html('')
             self._curve = self._curve_plot()
-            self._plots = {title: self._plot(title, series) for title, series in PLOTS.items()}
+            self._plots = {title: self._plot(title, *plot) for title, plot in PLOTS.items()}
         panel.dock_left()
         panel.set_width(PANEL_WIDTH)
         self._drawn: Tuple[int, float] = (-1, math.nan)
@@ -97,7 +93,7 @@ class Readouts:
         if len(frames) < 2:
             return
         times = np.array([passed.time for passed in frames])
-        for title, series in PLOTS.items():
+        for title, (_, series) in PLOTS.items():
             columns = [column(frames, item.value) for item in series]
             handle = self._plots[title]
             handle.visible = any(np.isfinite(values).any() for values in columns)
@@ -123,13 +119,12 @@ class Readouts:
                   uplot.Axis(size=40, label='height [mm]', labelSize=14)),
             legend=uplot.Legend(show=False))
 
-    def _plot(self, title: str, series: Sequence[PlottedCurve]) -> Any:
+    def _plot(self, title: str, least: float, series: Sequence[PlottedCurve]) -> Any:
         from viser import uplot
-        empty, least = np.array([0.0, 1e-3]), RANGE_MIN[title]
         spread = {'min': {'pad': 0.1, 'soft': -least, 'mode': 1},
                   'max': {'pad': 0.1, 'soft': least, 'mode': 1}}
         return self._gui.add_uplot(
-            (empty, *(np.zeros(2) for _ in series)),
+            (np.array([0.0, 1e-3]), *(np.zeros(2) for _ in series)),
             (uplot.Series(label='t [s]'), *(uplot.Series(
                 label=item.name, stroke=item.colour, width=1.5,
                 points=uplot.Series_Points(show=False)) for item in series)),
