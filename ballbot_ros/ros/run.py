@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from ballbot_ros.compile_notice import COMPILING_NOTICE
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.jit import on_first_call
 from ballbot_ros.ros import discovery
@@ -228,8 +229,6 @@ def _compiles(frame: Any) -> bool:
     return False
 
 
-COMPILING_NOTICE = ('compiling for this machine, for a minute or two; the result is cached: the '
-                    'next start is immediate')
 # A period with such a call misses its deadline; a test searches every log for this message.
 LATE_KERNEL = 'this node is delayed by the first call of a kernel: '
 

@@ -3,8 +3,8 @@
 import pytest
 
 from ballbot_ros import compile_notice, jit as compiled
-from ballbot_ros.compile_notice import CompileNotice
-from ballbot_ros.ros.run import COMPILING_NOTICE, FirstStart, LATE_KERNEL
+from ballbot_ros.compile_notice import CompileNotice, COMPILING_NOTICE
+from ballbot_ros.ros.run import FirstStart, LATE_KERNEL
 
 pytestmark = pytest.mark.skipif(not compiled.COMPILED, reason='nothing is compiled')
 
@@ -38,7 +38,7 @@ def reporting(monkeypatch, kernel):
 def test_a_compilation_in_a_program_is_explained_once(reporting, caplog):
     for argument in (1.0, 1, 1j):
         reporting()(argument)
-    assert [record.message for record in caplog.records] == [compile_notice.COMPILING_NOTICE]
+    assert [record.message for record in caplog.records] == [COMPILING_NOTICE]
     assert caplog.records[0].levelname == 'WARNING'
 
 
