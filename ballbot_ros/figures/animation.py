@@ -179,12 +179,12 @@ def animate(trajectory: Trajectory, path: PathLike, title: str = '', playback: f
 
 def frame_samples(time: NDArray[np.float64], playback: float) -> NDArray[np.int64]:
     """Return the samples nearest to the times of the frames [s], first and last included."""
+    if len(time) == 1:
+        return np.zeros(1, dtype=np.int64)
     span = float(time[-1] - time[0])
     count = max(1, round(span / playback * FRAME_RATE))
     times = time[0] + span * np.arange(count + 1) / count
-    after = np.searchsorted(time, times).clip(1, max(len(time) - 1, 1))
-    if len(time) == 1:
-        return np.zeros(1, dtype=np.int64)
+    after = np.searchsorted(time, times).clip(1, len(time) - 1)
     nearest: NDArray[np.int64] = after - (times - time[after - 1] < time[after] - times)
     return nearest
 
