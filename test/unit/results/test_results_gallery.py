@@ -2,6 +2,7 @@
 """The figures are drawn, state that they are simulated, and are kept after an interruption."""
 import sys
 
+from figure_words import words_of
 import numpy as np
 import pytest
 
@@ -31,23 +32,12 @@ def coarse(monkeypatch):
     monkeypatch.setattr(design, 'MASSES', np.linspace(0.5, 4.0, 3))
 
 
-def words(figure):
-    """Return all text of a figure."""
-    found = [item.get_text() for item in figure.texts]
-    for axes in figure.axes:
-        found += [item.get_text() for item in axes.texts]
-        found += [axes.get_xlabel(), axes.get_ylabel(), axes.get_title(loc='left')]
-        legend = axes.get_legend()
-        found += [item.get_text() for item in legend.get_texts()] if legend else []
-    return '\n'.join(found)
-
-
 @pytest.mark.parametrize('name', [
     pytest.param(name, marks=() if name in ('fig6', 'design') else pytest.mark.slow)
     for name in paper.FIGURES])
 def test_every_figure_states_its_origin_and_reports_its_progress(name, coarse):
     fractions = []
-    text = words(paper.FIGURES[name](fractions.append))
+    text = '\n'.join(words_of(paper.FIGURES[name](fractions.append)))
     assert ('re-simulated' if name.startswith('fig') else 'simulated with the full') in text
     assert fractions == sorted(fractions) and fractions[-1] == pytest.approx(1.0)
 
@@ -60,7 +50,7 @@ def test_figure_6_has_the_three_printed_points(coarse):
 
 def test_figure_8_reports_a_missing_second_simulator(coarse, monkeypatch):
     monkeypatch.setitem(sys.modules, 'mujoco', None)
-    assert 'MuJoCo is not installed' in words(paper.figure_8())
+    assert 'MuJoCo is not installed' in '\n'.join(words_of(paper.figure_8()))
 
 
 def test_rolls_are_drawn_according_to_their_outcome():

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 import re
 
+from figure_words import words_of
 import numpy as np
 import pytest
 
@@ -18,15 +19,6 @@ from ballbot_ros.studies.identification import channel_fit
 ROOT = Path(__file__).resolve().parents[3]
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
 MADE_BY = re.compile(r'`(ballbot |make |(\.venv/bin/)?python |scripts/|bench/)')
-
-
-def words_of(figure):
-    """Return all text of a figure."""
-    texts = [text.get_text() for text in figure.texts]
-    for axes in figure.axes:
-        texts += [text.get_text() for text in axes.texts]
-        texts += [axes.get_title(loc) for loc in ('left', 'center')] + [axes.get_xlabel()]
-    return texts
 
 
 def crossing():
