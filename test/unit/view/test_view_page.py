@@ -2,6 +2,7 @@
 """The page draws for each viewer, and is not delayed by a viewer that does not read."""
 from dataclasses import replace
 import time
+from types import SimpleNamespace
 
 import pytest
 from waiting import wait_until
@@ -16,23 +17,10 @@ from ballbot_ros.view.server import free_port, LOOPBACK, PageServer  # noqa: E40
 
 @pytest.fixture
 def page():
-    made = Page(SceneSource('voltage_start', paused=True),
+    made = Page(SceneSource('voltage_start'),
                 PageServer(LOOPBACK, free_port(LOOPBACK, 0)), begin=True)
     yield made
     made.close()
-
-
-class Asker:
-    """A user of a widget, with the received notifications."""
-
-    def __init__(self):
-        """Start without notifications."""
-        self.notifications = []
-        self.client = self
-
-    def add_notification(self, title, body, **_):
-        """Record a notification."""
-        self.notifications.append((title, body))
 
 
 def test_time_starts_with_the_first_viewer(page):
@@ -71,16 +59,18 @@ def test_a_closed_browser_never_slows_a_simulation(page):
 
 
 def test_a_refusal_is_shown_verbatim_in_the_page(page, monkeypatch):
-    controls, asker = page._controls, Asker()
+    controls, received = page._controls, []
+    event = SimpleNamespace(client=SimpleNamespace(
+        add_notification=lambda title, body, **_: received.append((title, body))))
 
     def refuse(name, value):
         raise ConfigurationError('friction must be at least 0, got <-1>', 'out_of_range', '')
     with monkeypatch.context() as patched:
         patched.setattr(page._source, 'apply', refuse)
-        controls._use('friction', -1.0, asker)
-    assert asker.notifications == [('Refused', 'friction must be at least 0, got <-1>')]
+        controls._use('friction', -1.0, event)
+    assert received == [('Refused', 'friction must be at least 0, got <-1>')]
     assert 'got &lt;-1&gt;' in controls._status.content
-    controls._use('friction', 0.5, asker)
+    controls._use('friction', 0.5, event)
     assert 'Refused' not in controls._status.content
 
 
@@ -94,13 +84,13 @@ def test_a_slider_returns_to_the_valid_value_after_a_refusal(page):
 
 def test_widgets_follow_the_controls_of_the_source(page):
     controls, source = page._controls, page._source
-    controls._use('law', 'free', Asker())
+    controls._use('law', 'free', None)  # no event: no refusal either
     assert controls._widgets['set_point'].disabled
     assert 'has no set-point' in controls._widgets['set_point'].hint
-    controls._use('law', 'position', Asker())
+    controls._use('law', 'position', None)
     slider = controls._widgets['set_point']
     assert (slider.min, slider.max) == (-180.0, 180.0) and 'deg' in slider.label
-    controls._use('robot', 'shellball', Asker())
+    controls._use('robot', 'shellball', None)
     assert controls._widgets['law'].options == ('free',) and source.robot.name == 'shellball'
 
 
