@@ -264,8 +264,7 @@ def _look_at(axes: Any, run: Trajectory, view: _View, index: int) -> None:
 def _draw_force(axes: Any, run: Trajectory, force: ForceArrow) -> None:
     robot = run.model.robot
     size = math.hypot(force.force_x, force.force_y)
-    weight = robot.total_mass * robot.gravity
-    length = min(_ARROW * size / weight, _LONGEST_ARROW) * robot.ball_radius
+    length = min(_ARROW * size / robot.weight, _LONGEST_ARROW) * robot.ball_radius
     if length < 0.05 * robot.ball_radius:
         return
     along_x, along_y = length * force.force_x / size, length * force.force_y / size

@@ -24,10 +24,11 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
 SLIDER_POSITIONS = 300  # at least
 STEP_TIME = 0.02  # simulated time per `step` [s]
 PANEL_WIDTH = 260  # [px]
-ACCURACIES: Mapping[str, float] = {
-    'as in the scene': 0.0, '1 mm': 1e-3, '0.1 mm': 1e-4, '10 um': 1e-5, '1 um': 1e-6,
-    '10 nm': 1e-8}
-SPEEDS = ('0.05', '0.1', '0.25', '0.5', '1', '2', '4')
+# Control with a list of numbers -> its labels and their numbers.
+NAMED: Mapping[str, Mapping[str, float]] = {
+    'accuracy': {'as in the scene': 0.0, '1 mm': 1e-3, '0.1 mm': 1e-4, '10 um': 1e-5, '1 um': 1e-6,
+                 '10 nm': 1e-8},
+    'speed': {f'{speed:g}': speed for speed in (0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)}}
 UNITS = {'step_height': (1e3, 'mm')}
 NOTIFICATION_TIME = 12  # [s]
 # The panel of the controls, which viser makes narrow in a narrow window.
@@ -165,19 +166,17 @@ class Controls:
             with folder:
                 self._widgets[name] = self._make(name, label, control)
         elif control.value is not None and not control.refusal:
-            self._widgets[name].value = self._shown(name, control.value)
+            self._widgets[name].value = self._shown(name, control)
 
     def _make(self, name: str, label: str, control: Control) -> Any:
         about: Any = {'order': float(list(CONTROLS).index(name)),
                       'hint': control.refusal or CONTROLS[name][1]}
         if control.refusal:
             return self._gui.add_text(label, '-', disabled=True, **about)
-        if name in ('accuracy', 'speed') or CONTROLS[name][0] is str:
-            options: Any = {'accuracy': tuple(ACCURACIES), 'speed': SPEEDS}.get(
-                name, control.choices)
-            given = self._shown(name, control.value)
+        if name in NAMED or CONTROLS[name][0] is str:
+            options, given = tuple(NAMED.get(name, control.choices)), self._shown(name, control)
             if given not in options:
-                options = (str(given), *options)
+                options = (given, *options)
             widget: Any = self._gui.add_dropdown(label, options, initial_value=given, **about)
             self._on_change(name, widget, lambda words: self._meant(name, words))
             return widget
@@ -190,22 +189,21 @@ class Controls:
         self._on_change(name, widget, lambda number: number / factor)
         return widget
 
-    def _shown(self, name: str, value: Any) -> Any:
-        if name == 'accuracy':
-            named = [words for words, number in ACCURACIES.items() if number == value]
-            return named[0] if named else f'{value:g} m'
-        if name == 'speed':
-            return f'{value:g}'
+    def _shown(self, name: str, control: Control) -> Any:
+        """Return the value of a control as its dropdown or its existing slider shows it."""
+        value: Any = control.value
+        if name in NAMED:
+            return next((words for words, number in NAMED[name].items() if number == value),
+                        f'{value:g} {control.unit}'.rstrip())
         if CONTROLS[name][0] is float:
-            widget = self._widgets.get(name)
-            scaled = float(value) * UNITS.get(name, (1.0, ''))[0]
-            return scaled if widget is None else min(max(scaled, widget.min), widget.max)
+            slider = self._widgets[name]
+            return min(max(value * UNITS.get(name, (1.0, ''))[0], slider.min), slider.max)
         return value
 
     def _meant(self, name: str, words: str) -> Value:
-        if name == 'accuracy':
-            return ACCURACIES[words] if words in ACCURACIES else float(words.split()[0])
-        return float(words) if name == 'speed' else words
+        if name not in NAMED:
+            return words
+        return NAMED[name][words] if words in NAMED[name] else float(words.split()[0])
 
     def _on_change(self, name: str, widget: Any, meaning: Callable[[Any], Value]) -> None:
         # An update without a client comes from the page itself.

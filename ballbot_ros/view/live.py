@@ -10,11 +10,12 @@ from ballbot_ros.plant import Speedometer
 from ballbot_ros.ros.spectator import Spectator
 from ballbot_ros.view.assembly import MessageSource
 from ballbot_ros.view.frame import Frame
+from ballbot_ros.view.laws import SET_SPEED_MAX, UNITS
 from ballbot_ros.view.source import Control, Health, Idle
 
-# Law -> the largest set-point and its unit.
-LAWS: Mapping[str, Tuple[float, str]] = MappingProxyType({
-    'free': (0.0, ''), 'speed': (1.5, 'm/s'), 'position': (90.0, 'deg')})
+# Law -> the largest set-point, in its unit of `UNITS`.
+LAWS: Mapping[str, float] = MappingProxyType(
+    {'free': 0.0, 'speed': SET_SPEED_MAX, 'position': 90.0})
 
 FRAME_TIMEOUT = 1.0  # after the last frame, when the source counts as stopped [s]
 WALL_CLOCK = 1e6  # later times are wall times, counted from 1970 [s]
@@ -104,10 +105,9 @@ class LiveSource(MessageSource):
         others = ' and '.join(presence.drivers)
         refusal = (f'{others} publishes set-points; end it first' if others else
                    '' if presence.followers else 'no node subscribes to set-points')
-        largest, unit = LAWS[law]
         found['law'] = Control(law, choices=tuple(LAWS), refusal=refusal)
         found['set_point'] = Control(
-            self._set_point if law != 'free' else None, -largest, largest, unit,
+            self._set_point if law != 'free' else None, -LAWS[law], LAWS[law], UNITS[law],
             refusal=refusal or ('' if law != 'free' else 'choose a law other than free'))
         newest = self.history.newest
         found['goal'] = Control(None, refusal='' if 'navigator' in presence.nodes else (

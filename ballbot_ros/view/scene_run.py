@@ -42,6 +42,7 @@ class SceneRun:
         self.law = MotorLaw.of_scene(scene.model.robot, scene.actuation)
         self._steps = max(1, round(PERIOD / scene.model.solver_in_use.step))
         self.period = self._steps * scene.model.solver_in_use.step
+        self.state, self._periods = scene.start, 0
         self._take(scene.model, None)
 
     @property

@@ -16,7 +16,7 @@ from ballbot_ros.floors.profile import area_height
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.results.faces import faces_of
-from ballbot_ros.view.floor_parts import base_level, floor_parts, Mesh
+from ballbot_ros.view.floor_parts import base_level, floor_parts, GROUND, Mesh
 from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.source import Source
 
@@ -26,8 +26,8 @@ GROUND_EXTENSION, SECTION_DEPTH = 12.0, 0.15  # SECTION_DEPTH below the lowest p
 WEIGHT_ARROW_LENGTH, ARROW_LENGTH_MAX = 0.8, 3.0
 # Maximum number of drawn points of the path, and their minimum distance [ball radii].
 PATH_POINTS_MAX, PATH_SPACING = 1500, 0.05
-# The ground from above, its squares, and the section in front.
-GROUND_COLOUR, SQUARE_COLOUR, SECTION_COLOUR = '#EAE6DF', '#D9D3C8', '#F1E9DC'
+# The squares of the ground, and the section in front.
+SQUARE_COLOUR, SECTION_COLOUR = '#D9D3C8', '#F1E9DC'
 SQUARE_SIZE = 0.25  # [m]
 SHADOW_RADIUS = 0.7  # [ball radii]
 # Camera position and the point that it looks at, relative to the ball on the floor [m].
@@ -328,7 +328,7 @@ class Stage:
         self._reach = (left + 0.3 * GROUND_EXTENSION, right - 0.3 * GROUND_EXTENSION)
         line, width = ground_line(terrain, left, right), 2.6 * radius
         near = ground_line(terrain, min(ends[0], x) - 1.0, max(ends[1], x) + 1.0)
-        self._mesh('/world/ground/top', ribbon(line, -width, width), GROUND_COLOUR, flat=True)
+        self._mesh('/world/ground/top', ribbon(line, -width, width), GROUND, flat=True)
         self._mesh('/world/ground/squares', tiles(near, width, SQUARE_SIZE), SQUARE_COLOUR,
                    flat=True)
         bottom = float(min(line[:, 1].min(), near[:, 1].min() - SECTION_DEPTH))
