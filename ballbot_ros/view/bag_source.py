@@ -17,7 +17,6 @@ from ballbot_ros.view.source import Control, FRAMES_MAX, Health
 FRAME_RATE = 100.0  # frames per second, at most: bags have up to 500 states per second
 PLAYBACK_RATE_MIN, PLAYBACK_RATE_MAX = 0.05, 20.0  # seconds played per second
 STATE_TOPICS = ('ball_state', 'joint_states')  # topics with the state of the robot
-CURVE_PARAMETERS = ('curve', 'variant')  # parameters of the decision that name its height curve
 
 
 class Playback:
@@ -99,9 +98,7 @@ class BagSource(MessageSource):
             except ConfigurationError:
                 pass  # of another bag, perhaps; this metadata is optional
         made = BagMetadata.read(texts)
-        super().__init__({
-            **{name: made.decision[name] for name in CURVE_PARAMETERS if name in made.decision},
-            **made.parameters}, robot)
+        super().__init__({**made.decision, **made.parameters}, robot)
         self._playback = Playback(lambda: self.history.span)
         self._playback.pause(paused)
         self._reading, self._failure = True, ''
