@@ -137,15 +137,14 @@ def _draw_row(axes: Any, run: Trajectory, row: Row, scale: float) -> None:
                   run['pendulum_angle'][index], 1.0 if number == len(row.frames) - 1
                   else 0.30 + 0.40 * age, 3.0 + age)
     _label_times(axes, run, row, scale)
-    for face, met in zip(rising_faces(terrain, robot.ball_radius), meet_faces(run)):
+    labels = [(face, _result(run, row, met)) for face, met in zip(
+        rising_faces(terrain, robot.ball_radius), meet_faces(run))]
+    labels += [(face, f'{1e3 * (face[-1, 1] - face[0, 1]):.3g} mm') for face in faces_of(
+        terrain, robot.ball_radius, endless=False) if face[-1, 1] < face[0, 1]]
+    for face, label in labels:
         if left < face[0, 0] and face[-1, 0] < right:
-            axes.text(face[:, 0].mean(), face[0, 1] - 0.06 / scale, _result(run, row, met),
-                      fontsize=7.5, ha='center', va='top', zorder=9, linespacing=1.1)
-    for face in faces_of(terrain, robot.ball_radius, endless=False):
-        if face[-1, 1] < face[0, 1] and left < face[0, 0] and face[-1, 0] < right:
-            axes.text(face[:, 0].mean(), face[-1, 1] - 0.06 / scale,
-                      f'{1e3 * (face[-1, 1] - face[0, 1]):.3g} mm', fontsize=7.5, ha='center',
-                      va='top', zorder=9)
+            axes.text(face[:, 0].mean(), face[:, 1].min() - 0.06 / scale, label, fontsize=7.5,
+                      ha='center', va='top', zorder=9, linespacing=1.1)
     for axis, (low, high), room in ((axes.xaxis, axes.get_xlim(), 0.7),
                                     (axes.yaxis, axes.get_ylim(), 0.4)):
         axis.set_major_locator(
