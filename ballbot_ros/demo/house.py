@@ -3,13 +3,12 @@
 from functools import partial
 import math
 from pathlib import Path
-from typing import Any, Callable, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from matplotlib.figure import Figure
 from nav_msgs.msg import Path as Plan
 from rclpy.action import ActionClient
-from rclpy.task import Future
 
 from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
 from ballbot_ros.control import load_tuning
@@ -168,8 +167,7 @@ class TourGuide:
         self._simulation = simulation
         self._client = ActionClient(graph.node, NavigateToPose, 'navigate_to_pose')
         self._ready = False
-        self._sent: Optional[Future] = None
-        self._result: Optional[Future] = None
+        self._drive = self._drive_tour()
         create_subscription(graph.node, '/diagnostics', self._take_health)
         create_subscription(graph.node, 'plan', timeline.add_plan)
 
@@ -180,35 +178,27 @@ class TourGuide:
 
     def poll(self) -> Optional[str]:
         """Perform the next action, if possible; return the reason if the tour cannot continue."""
-        stopped = self._simulation.poll()
-        if stopped or not self._ready or len(self._arrived) == len(self._tour):
-            return stopped
-        visit = self._tour[len(self._arrived)]
-        if self._sent is None:
-            if self._client.server_is_ready():
-                self._sent = self._client.send_goal_async(NavigateToPose.Goal(
-                    pose=stamped_pose('map', to_time(0.0), visit.x, visit.y, 0.0)))
-            return None
-        if not self._sent.done():
-            return None
-        if self._result is None:
-            handle = self._sent.result()
-            if not handle.accepted:
-                return f'the navigator has refused the {visit.room} as a goal, see its log'
-            self._timeline.note('goal', f'the {visit.room}, ({visit.x:g}, {visit.y:g})')
-            self._result = handle.get_result_async()
-            return None
-        return self._ended(visit) if self._result.done() else None
+        return self._simulation.poll() or next(self._drive, None)
 
-    def _ended(self, visit: Visit) -> Optional[str]:
-        assert self._result is not None
-        result: Any = self._result.result().result
-        self._sent = self._result = None
-        if result.error_code:
-            return f'the navigator has ended the goal: {result.error_msg}'
-        self._arrived.append(visit)
-        away = math.dist(self._timeline.driven[-1], visit[1:])
-        self._timeline.note('arrives', f'in the {visit.room}, {away:.2f} m from the goal')
-        if len(self._arrived) == len(self._tour):
-            self._timeline.rested = self._timeline.now
-        return None
+    def _drive_tour(self) -> Iterator[Optional[str]]:
+        """Yield None while waiting, and the reason if the tour cannot continue."""
+        for visit in self._tour:
+            while not (self._ready and self._client.server_is_ready()):
+                yield None
+            sent = self._client.send_goal_async(NavigateToPose.Goal(
+                pose=stamped_pose('map', to_time(0.0), visit.x, visit.y, 0.0)))
+            while not sent.done():
+                yield None
+            if not sent.result().accepted:
+                yield f'the navigator has refused the {visit.room} as a goal, see its log'
+            self._timeline.note('goal', f'the {visit.room}, ({visit.x:g}, {visit.y:g})')
+            ended = sent.result().get_result_async()
+            while not ended.done():
+                yield None
+            result: Any = ended.result().result
+            if result.error_code:
+                yield f'the navigator has ended the goal: {result.error_msg}'
+            self._arrived.append(visit)
+            away = math.dist(self._timeline.driven[-1], visit[1:])
+            self._timeline.note('arrives', f'in the {visit.room}, {away:.2f} m from the goal')
+        self._timeline.rested = self._timeline.now
