@@ -2,6 +2,7 @@
 """Run the demo: simulator, controller and decision, with timeline, bag, picture and verdict."""
 from contextlib import contextmanager
 from functools import partial
+import itertools
 import os
 from pathlib import Path
 import signal
@@ -14,7 +15,6 @@ from typing import (
 
 from matplotlib.figure import Figure
 from rclpy.node import Node
-from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
@@ -349,38 +349,31 @@ class RecordedSimulation:
         self._resume = node.create_client(Trigger, 'simulator/resume')
         self._step = node.create_client(Step, 'simulator/step')
         self._bag, self._topics, self._free_running = bag, tuple(topics), free_running
-        self._next_reset = 0.0
-        self._advances = 0
-        self._answer = Future()
-        self._answer.set_result(None)
+        self._steps = self._take_steps()
 
     def poll(self) -> Optional[str]:
         """Call the next service if it is due; return the reason if the simulation has ended."""
-        if not self._advances:
-            self._start()
-        elif not self._free_running:
-            if self._answer.done() and not self._answer.result().success:
-                return f'the simulator has stopped: {self._answer.result().message}'
-            # A response may be lost during service discovery, so the recorded stamps are checked.
-            end = round(1e9 * self._advances * ADVANCE_TIME)
-            if self._bag.reached(dict.fromkeys(self._topics, end)):
-                self._run()
-        return None
+        return next(self._steps, None)
 
-    def _start(self) -> None:
-        now = time.monotonic()
-        if now < self._next_reset or not all(
-                client.service_is_ready() for client in (self._reset, self._resume, self._step)):
+    def _take_steps(self) -> Iterator[Optional[str]]:
+        while not all(client.service_is_ready()
+                      for client in (self._reset, self._resume, self._step)):
+            yield None
+        while not set(self._topics) <= self._bag.recorded.keys():
+            answer, called = self._reset.call_async(Trigger.Request()), time.monotonic()
+            # The simulator must not be reset after it has started.
+            while (waited := time.monotonic() - called) < RESET_PERIOD or (
+                    not answer.done() and waited < RESET_PERIOD + LONGEST_ANSWER):
+                yield None
+        if self._free_running:
+            self._resume.call_async(Trigger.Request())
             return
-        if not self._answer.done() and now < self._next_reset + LONGEST_ANSWER:
-            return  # the simulator must not be reset after it has started
-        self._next_reset = now + RESET_PERIOD
-        if set(self._topics) <= self._bag.recorded.keys():
-            self._run()
-        else:
-            self._answer = self._reset.call_async(Trigger.Request())
-
-    def _run(self) -> None:
-        self._advances += 1
-        self._answer = self._resume.call_async(Trigger.Request()) if self._free_running else \
-            self._step.call_async(Step.Request(periods=round(ADVANCE_TIME * CONTROL_RATE)))
+        for number in itertools.count(1):
+            answer = self._step.call_async(
+                Step.Request(periods=round(ADVANCE_TIME * CONTROL_RATE)))
+            # A response may be lost during service discovery, so the recorded stamps are checked.
+            end = dict.fromkeys(self._topics, round(1e9 * number * ADVANCE_TIME))
+            while not self._bag.reached(end):
+                if answer.done() and not answer.result().success:
+                    yield f'the simulator has stopped: {answer.result().message}'
+                yield None

@@ -7,7 +7,7 @@ from refusals import refused
 
 from ballbot_ros.config.files import config_folder
 from ballbot_ros.demo import demo, hardware
-from ballbot_ros.demo.demo import CASES, demo_cases, passages_of
+from ballbot_ros.demo.demo import CASES, demo_cases, passages_of, RecordedSimulation
 from ballbot_ros.demo.hardware import GetGoing
 from ballbot_ros.demo.house import run_house_demo
 from ballbot_ros.demo.timeline import account, Expected, Passage, Timeline
@@ -151,6 +151,34 @@ def test_a_first_refusal_is_retried(person):
     assert person.poll(8.0) is None
     person.answers[RESUME] = ''
     assert person.poll(60.0) is None
+
+
+def test_a_simulation_is_reset_until_it_is_recorded_and_then_advanced(monkeypatch):
+    clock, calls, recorded = SimpleNamespace(now=100.0, stamp=0), [], {}
+    answer = SimpleNamespace(success=True, message='')
+
+    def create_client(kind, name):
+        return SimpleNamespace(service_is_ready=lambda: True, call_async=lambda request: (
+            calls.append(name) or SimpleNamespace(done=lambda: True, result=lambda: answer)))
+    monkeypatch.setattr(demo, 'time', SimpleNamespace(monotonic=lambda: clock.now))
+    simulation = RecordedSimulation(
+        SimpleNamespace(create_client=create_client), SimpleNamespace(
+            recorded=recorded, reached=lambda stamps: stamps == {'odom': clock.stamp}),
+        ['odom'], free_running=False)
+
+    def calls_in(seconds):
+        calls.clear()
+        for _ in range(round(seconds / 0.1)):
+            assert simulation.poll() is None
+            clock.now += 0.1
+        return calls
+    assert set(calls_in(1.0)) == {'simulator/reset'} and 4 <= len(calls) <= 6
+    recorded['odom'] = [0]
+    assert calls_in(1.0) == ['simulator/step']
+    clock.stamp = 10**9
+    assert calls_in(1.0) == ['simulator/step']
+    answer.success, answer.message = False, 'it fell'
+    assert simulation.poll() == 'the simulator has stopped: it fell'
 
 
 @pytest.mark.parametrize('given, lockstep, factor', [
