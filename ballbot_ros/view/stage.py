@@ -268,13 +268,9 @@ class Stage:
             color=rgb(colour), opacity=opacity, flat_shading=flat, side='double')
 
     def _build_robot(self, robot: Robot) -> None:
-        if 'place' in self._nodes:
-            self._nodes['place'].remove()
-            self._nodes['shadow'].remove()
-        for name in ('place', 'ball', 'pendulum', 'forces', 'shadow'):
-            self._nodes.pop(name, None)
+        self._new_frame('place')
+        self._nodes.pop('pendulum', None)
         self._robot, radius = robot, robot.ball_radius
-        self._nodes['place'] = self._scene.add_frame('/world/place', show_axes=False)
         self._nodes['ball'] = self._scene.add_frame('/world/place/ball', show_axes=False)
         self._scene.add_icosphere('/world/place/ball/shell', radius, rgb(SKY), subdivisions=4,
                                   opacity=0.22, cast_shadow=False)
@@ -300,26 +296,30 @@ class Stage:
             shaft_radius=0.035 * radius, head_radius=0.09 * radius, head_length=0.2 * radius,
             visible=False)
 
-    def _new_ground(self) -> None:
-        if 'ground' in self._nodes:
-            self._nodes.pop('ground').remove()
-        self._nodes['ground'] = self._scene.add_frame('/world/ground', show_axes=False)
+    def _new_frame(self, name: str) -> None:
+        """Create a node of the world without children; remove that of the same name."""
+        if name in self._nodes:
+            self._nodes[name].remove()
+        self._nodes[name] = self._scene.add_frame(f'/world/{name}', show_axes=False)
+
+    def _label(self, name: str, text: str, position: Point, size: float,
+               anchor: Any = 'bottom-center') -> None:
+        self._scene.add_label(f'/world/ground/{name}', text, position=position, anchor=anchor,
+                              font_size_mode='screen', font_screen_scale=size)
 
     def _build_floor(self, floor: Floor) -> None:
         self._floor, self._terrain = floor, None
-        self._new_ground()
+        self._new_frame('ground')
         for part in floor_parts(floor):
             self._mesh(f'/world/ground/{part.name}', part.mesh, part.colour, part.opacity,
                        flat=True)
             if part.label:
-                self._scene.add_label(
-                    f'/world/ground/label_{part.name}', part.label, position=part.place,
-                    anchor='bottom-center', font_size_mode='screen', font_screen_scale=0.7)
+                self._label(f'label_{part.name}', part.label, part.place, 0.7)
 
     def _build_ground(self, terrain: Optional[Terrain], x: float, radius: float) -> None:
         """Create the ground around a position, with a scale along it."""
         self._terrain, self._floor = terrain, None
-        self._new_ground()
+        self._new_frame('ground')
         if terrain is None:
             self._reach = (-math.inf, math.inf)
             return
@@ -338,10 +338,8 @@ class Stage:
         self._draw_scale(terrain, left, right, width)
         for number, face in enumerate(faces_of(terrain, radius, endless=False)):
             height = 1e3 * float(face[-1, 1] - face[0, 1])
-            self._scene.add_label(
-                f'/world/ground/step_{number}', f'step {height:+.0f} mm',
-                position=(float(face[:, 0].mean()), -width, float(face[:, 1].max()) + 0.03),
-                anchor='bottom-center', font_size_mode='screen', font_screen_scale=0.8)
+            self._label(f'step_{number}', f'step {height:+.0f} mm',
+                        (float(face[:, 0].mean()), -width, float(face[:, 1].max()) + 0.03), 0.8)
 
     def _draw_scale(self, terrain: Terrain, left: float, right: float, width: float) -> None:
         """Draw a tick every 0.1 m, and a line with its x coordinate every metre."""
@@ -353,7 +351,5 @@ class Stage:
         self._scene.add_line_segments('/world/ground/scale', np.array(ends, dtype=np.float32),
                                       np.array(rgb(GREY)), thickness=0.003)
         for x, y in zip(places[whole], heights[whole]):
-            self._scene.add_label(
-                f'/world/ground/x_{x:.0f}'.replace('-', 'm'), f'{x:.0f} m',
-                position=(float(x), -width, float(y) - 0.02), anchor='top-center',
-                font_size_mode='screen', font_screen_scale=0.7)
+            self._label(f'x_{x:.0f}'.replace('-', 'm'), f'{x:.0f} m',
+                        (float(x), -width, float(y) - 0.02), 0.7, 'top-center')
