@@ -248,7 +248,7 @@ def test_the_most_likely_settings_are_tried_first_and_none_twice(monkeypatch):
 @pytest.mark.parametrize('reason', ['late', 'firmware'])
 def test_a_drive_that_cannot_be_used_is_found_all_the_same(monkeypatch, reason):
     Port(monkeypatch, 'vesc', 115200, answer=DriveError('not usable', reason, 'drive'))
-    assert probe('x') == ('vesc', 115200)
+    assert probe('x', 'odrive', 921600, lambda text: None) == ('vesc', 115200)
 
 
 def test_every_protocol_is_tried_at_every_rate_that_it_supports(monkeypatch):
