@@ -124,6 +124,17 @@ def test_a_canceled_goal_ends_at_rest(start):
     assert result.remaining == pytest.approx(5.0 - result.position, abs=0.02)
 
 
+def test_a_goal_is_lost_without_odometry(start):
+    graph = start('flat')
+    graph.decision._goals._timeout.limit = 1
+    handle = graph.send(DriveTo, target=5.0, relative=True)
+    pause = graph.node.create_client(Trigger, 'simulator/pause')
+    graph.wait(pause.service_is_ready)
+    graph.done(pause.call_async(Trigger.Request()))
+    status, result = graph.result(handle)
+    assert (status, result.outcome) == (GoalStatus.STATUS_ABORTED, result.OUTCOME_LOST)
+
+
 def test_an_e_stop_aborts_a_goal_and_new_goals_are_refused_until_resume(start):
     graph = start('flat')
     handle = graph.send(DriveTo, target=5.0, relative=True)
