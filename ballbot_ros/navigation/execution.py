@@ -21,6 +21,7 @@ from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.values import REST_SPEED_MAX
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import distance_to_segment, Point
+from ballbot_ros.floors.profile import crossings_between
 from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.navigation.route import (
     BACKWARD_SPEED, CLEARANCE, Route, RoutePlanner, Segment)
@@ -530,6 +531,12 @@ class Navigator:
             return self._stop(state, 'off_path', (
                 f'the {segment.feature.label} has turned the ball by '
                 f'{math.degrees(turned):+.0f} degrees')), REST
+        if crossings_between(segment.feature.segments, segment.points[0], percept[1:3]) \
+                and self.planner.room_ahead(percept[1:4]) < self._braking.distance(
+                    abs(percept.speed), 0.0):
+            # A low cord may pass unnoticed: then the decision does not stop the ball behind it.
+            return self._stop(state, 'off_path', (
+                f'the ball leaves the room behind the {segment.feature.label}')), REST
         if abs(percept.speed) < REST_SPEED_MAX and state.moving > state.crossing_start \
                 and state.along < 0.5 * segment.crossing.run_up:
             # The decision has backed off for another attempt, which starts at another pose.

@@ -633,6 +633,16 @@ class RoutePlanner:
         return self._free(crossing.points[0], (-math.cos(crossing.heading),
                                                -math.sin(crossing.heading)), self._blocked)
 
+    def room_ahead(self, pose: Sequence[float]) -> float:
+        """
+        Return the free distance of the centre along its heading to a wall or obstacle [m].
+
+        A ball that is already closer than half the clearance must not get closer.
+        """
+        clear = min(self.ball_radius + 0.5 * CLEARANCE, self._clear.flat[self._node(pose)])
+        return self._free((pose[0], pose[1]), (math.cos(pose[2]), math.sin(pose[2])),
+                          self._clear < clear)
+
     def _inside(self, row: int, column: int) -> bool:
         """Return whether a cell exists and the centre may be there."""
         rows, columns = self._walls.shape

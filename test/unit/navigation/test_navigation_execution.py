@@ -376,6 +376,19 @@ def test_a_ball_turned_by_the_edge_stops_and_replans(navigator):
     assert ball.state.learned.outcomes == ()
 
 
+@pytest.mark.parametrize('speed, stops', [(0.5, True), (0.05, False)])
+def test_a_ball_that_leaves_the_room_behind_the_step_stops(navigator, speed, stops):
+    """The decision does not stop the ball behind a step that it has not observed."""
+    ball = crossing_ball(navigator, 0.0)
+    segment = ball.state.segment
+    (x, y), way = segment.points[-1], (math.cos(segment.heading), math.sin(segment.heading))
+    room = navigator.planner.room_ahead((x, y, segment.heading))
+    ball.x, ball.y = (at + (room - 0.15) * part for at, part in zip((x, y), way))
+    ball.speed = speed
+    ball.step()
+    assert (ball.state.status is NavStatus.STOPPING) is stops
+
+
 @pytest.mark.parametrize('speed', [0.05, -0.05])
 def test_run_up_and_backing_off_are_steered_towards_the_line(navigator, speed):
     ball = Ball(navigator, *KITCHEN, 1.57)
