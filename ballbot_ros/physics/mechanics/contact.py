@@ -87,8 +87,17 @@ def pressing_and_slipping(normal_x: float, normal_y: float, penetration: float, 
     """
     Return the quantities of eqs. (7) and (8): normal [-], penetration and `slip_lever` [m].
 
-    They are force and slip, see `force_and_slip`; the velocity of the centre away from the ground
-    and along the tangent [m/s]; and the non-elastic part of the force [N].
+    Returns
+    -------
+    force, slip : float
+        See `force_and_slip`.
+    normal_velocity : float
+        Positive away from the ground [m/s].
+    along : float
+        Velocity of the centre along the tangent [m/s].
+    damping : float
+        Non-elastic part of the force [N].
+
     """
     normal_velocity = velocity_x * normal_x + velocity_y * normal_y
     along = velocity_x * normal_y - velocity_y * normal_x
@@ -101,10 +110,23 @@ def pressing_and_slipping(normal_x: float, normal_y: float, penetration: float, 
 def force_and_slip(state: Array, parameters: Parameters, contacts: Array,
                    row: int) -> tuple[float, float]:
     """
-    Return the results of eqs. (7) and (8) for a row of the table of contacts, before any limit.
+    Return the results of eqs. (7) and (8) for one contact, before any limit.
 
-    They are the force of spring and damper, positive out of the ground [N], and the slip velocity
-    along the tangent (normal_y, -normal_x), which points to +x on a floor [m/s].
+    Parameters
+    ----------
+    state : (13,) array
+    contacts : (2 n, 8) array
+        See `find_contacts`.
+    row : int
+        Row of the contact.
+
+    Returns
+    -------
+    force : float
+        Force of spring and damper, positive out of the ground [N].
+    slip : float
+        Velocity along the tangent (normal_y, -normal_x), which points to +x on a floor [m/s].
+
     """
     penetration = contacts[row, PENETRATION]
     force, slip, _, _, _ = pressing_and_slipping(
@@ -167,8 +189,15 @@ def normal_and_friction(force: float, slip: float, pressed: int, sliding: int,
     """
     Return normal force and friction force of one contact [N]; eqs. (7) and (9).
 
-    `force` and `slip` are those of `force_and_slip`, the signs those of the docstring of the
-    module; `friction` is the coefficient.
+    Parameters
+    ----------
+    force, slip : float
+        See `force_and_slip`.
+    pressed, sliding : int
+        See the docstring of the module.
+    friction : float
+        Coefficient of friction.
+
     """
     normal = 0.0 if pressed == 0 else force
     return normal, -normal * pressed * friction * friction_scale(slip, sliding, parameters)
@@ -193,7 +222,7 @@ def contact_force(state: Array, parameters: Parameters, contacts: Array,
 
 
 def contact_table(vertices: int) -> Array:
-    """Return an empty (2 n, 8) table for all contacts that a profile of n vertices can have."""
+    """Return an empty table for all contacts that a profile can have."""
     return np.zeros((2 * vertices, COLUMNS))
 
 
@@ -296,8 +325,13 @@ def clear_time(x: float, y: float, velocity_x: float, velocity_y: float, bend: f
     """
     Return a time before which no contact force acts on a released ball [s].
 
-    `bend` bounds the acceleration of the centre [m/s2], and is above 0; segments farther from x
-    than `reach` [m] are ignored.
+    Parameters
+    ----------
+    bend : float
+        Bound of the acceleration of the centre [m/s2], above 0.
+    reach : float
+        Segments farther from x than this are ignored [m].
+
     """
     least = math.inf
     last = len(ground) - 2
@@ -325,8 +359,15 @@ def meeting(feature: int, x: float, y: float,
     """
     Return the position of a feature of the ground relative to a point.
 
-    It is the unit vector from the ground to the point (two numbers), and the distance [m]; the
-    fourth number is the coefficient of friction, for a CORNER, which has none, that of an edge.
+    Returns
+    -------
+    normal_x, normal_y : float
+        Unit vector from the ground to the point.
+    distance : float
+        [m]
+    friction : float
+        Coefficient; for a CORNER, which has no friction, that of an edge.
+
     """
     segment = feature >> 1
     if feature & 1 == 0:
@@ -383,8 +424,17 @@ def find_contacts(x: float, y: float, radius: float, ground: Array, contacts: Ar
     """
     Write all contacts of a ball into `contacts` and return their number.
 
-    The ball has its centre at (x, y) and a radius [m]; `ground` is an (n, 7) array, see
-    `Terrain.profile`.  Rows of `contacts`, a `contact_table`, are overwritten from left to right.
+    Parameters
+    ----------
+    x, y : float
+        Centre of the ball [m].
+    radius : float
+        [m]
+    ground : (n, 7) array
+        See `Terrain.profile`.
+    contacts : (2 n, 8) array
+        See `contact_table`; rows are overwritten, from left to right.
+
     """
     count = 0
     first, behind = features_within(x, radius, ground)
@@ -405,12 +455,14 @@ def contact_sum(motion: Array, parameters: Parameters, ground: Array, contacts: 
     Parameters
     ----------
     motion : (8,) array, or longer
+    parameters : Parameters
     ground : (n, 7) array
         See `Terrain.profile`.
     contacts : (2 n, 8) array
         The table of the contacts.
     signs : (m, 3) array
         Features and signs of the contacts, see `modes`.
+    count : int
     form : int
         OWN: contacts from the table, pieces of the law from the motion.  FROZEN: contacts from
         the table, pieces from the signs.  QUICK: features and pieces from the signs, without the
@@ -522,11 +574,22 @@ def add_contact(state: Array, parameters: Parameters, ground: Array, contacts: A
                 signs: IntArray, row: int, smooth: bool,
                 out: Array) -> tuple[float, float, float]:
     """
-    Add the derivatives of a contact's loads by x, y, velocity_x, velocity_y, ball_rate to `out`.
+    Add the derivatives of a contact's loads by x, y, velocity_x, velocity_y, ball_rate.
 
-    The rows of `out`, (3, 5) or larger, are those of force_x, force_y and torque; these loads are
-    returned [N, N m].  The other arguments are those of `contact_sum`; the table is read only if
-    not all contacts are `smooth`.
+    Parameters
+    ----------
+    state, parameters, ground, contacts, signs
+        See `contact_sum`; the table is read only if not all contacts are `smooth`.
+    row : int
+        Row of the contact.
+    out : (3, 5) array, or larger
+        The derivatives of force_x, force_y and torque.
+
+    Returns
+    -------
+    force_x, force_y, torque : float
+        The loads [N], [N m].
+
     """
     feature = signs[row, FEATURE]
     normal_x, normal_y, distance, coefficient = meeting(feature, state[X], state[Y], ground)

@@ -100,8 +100,16 @@ def unforced(motion: Array, pendulum_trig: Direction, motor: float, parameters: 
     """
     Return the accelerations without ground forces, and the response to these; eq. (13).
 
-    Of the motion, an (8,) array or longer, only the velocities are used; `motor` is the torque
-    tau2 of the pendulum motor [N m].
+    Parameters
+    ----------
+    motion : (8,) array, or longer
+        The coordinates are not used.
+    pendulum_trig : tuple
+        Sine and cosine of the pendulum angle.
+    motor : float
+        Torque tau2 of the pendulum motor [N m].
+    parameters : Parameters
+
     """
     sine, cosine = pendulum_trig
     per_mass = 1.0 / parameters.mass  # a division in each call would take as long as the rest
@@ -151,8 +159,15 @@ def write_rates(state: Array, parameters: Parameters, loads: Loads, motor: float
     """
     Write the time derivative of `state` under given loads, including the energy flows.
 
-    `loads` are those of the ground on the ball, see `contact.loads_of`, and `motor` is the torque
-    tau2 of the pendulum motor [N m].
+    Parameters
+    ----------
+    state, rates : (13,) arrays
+    parameters : Parameters
+    loads : tuple
+        Loads of the ground on the ball, see `contact.loads_of`.
+    motor : float
+        Torque tau2 of the pendulum motor [N m].
+
     """
     force_x, force_y, torque, contact_loss, friction_loss = loads
     angle, spin = state[PENDULUM_ANGLE], state[BALL_RATE]
@@ -168,9 +183,18 @@ def write_rates(state: Array, parameters: Parameters, loads: Loads, motor: float
 @compiled
 def derivative(time: float, state: Array, system: System, contacts: Array, rates: Array) -> None:
     """
-    Write the time derivative of `state` into `rates`, (13,) arrays in the order of `model.state`.
+    Write the time derivative of `state` into `rates`.
 
-    `time` is in s; `contacts` is filled with the contacts, see `contact.contact_table`.
+    Parameters
+    ----------
+    time : float
+        [s]
+    state, rates : (13,) arrays
+        In the order of `model.state`.
+    system : System
+    contacts : (2 n, 8) array
+        Filled with the contacts, see `contact.contact_table`.
+
     """
     parameters = system.parameters
     loads = contact_loads(state, parameters, system.ground, contacts)

@@ -114,8 +114,17 @@ def mode_accelerations(time: float, motion: Array, start: AngleTrig, system: Sys
 
     Equals `mode_derivative` without the energy flows, and without a table of contacts: all numbers
     stay in registers.  The motion without ground forces, and the response to unit forces, are
-    computed before these forces are available.  `motion` is an (8,) array or longer, and `start` a
-    nearby pendulum angle with its direction.
+    computed before these forces are available.
+
+    Parameters
+    ----------
+    time : float
+        [s]
+    motion : (8,) array, or longer
+        Coordinates and velocities.
+    start : tuple
+        A nearby pendulum angle and its direction, see `angle_trig`.
+
     """
     pendulum_trig = direction_near(motion[PENDULUM_ANGLE], start)
     motor = mode_torque(time, motion, pendulum_trig[0], system, mode)
@@ -177,7 +186,12 @@ def guard_of(kind: int, item: int, time: float, state: Array, system: System,
     """
     Return a guard: positive inside the mode, negative beyond its end.
 
-    Its `item` is the feature for OF_FEATURE, the row of the contact for OF_FORCE and OF_SLIP.
+    Parameters
+    ----------
+    kind : int
+        OF_FEATURE (`item` is the feature), OF_FORCE or OF_SLIP (`item` is the row of the
+        contact), or OF_MOTOR.
+
     """
     if kind == OF_FEATURE:
         guard = feature_guard(item, state[X], state[Y], system.parameters.radius, system.ground)
@@ -229,7 +243,7 @@ def violated_guards(time: float, state: Array, system: System, mode: ContactMode
 
 
 def jacobian_table() -> Array:
-    """Return the (7, 9) array into which `write_jacobian` writes."""
+    """Return the array into which `write_jacobian` writes."""
     return np.zeros((ROWS, 9))
 
 
@@ -237,10 +251,22 @@ def jacobian_table() -> Array:
 def write_jacobian(time: float, state: Array, pendulum_trig: Direction, system: System,
                    mode: ContactMode, out: Array) -> tuple[float, float, float]:
     """
-    Write the derivative of `mode_accelerations`, SI, into the first four rows of `out`.
+    Write the derivative of `mode_accelerations` into the first four rows of `out`.
 
-    Only the motion of the state is used; `out` is a `jacobian_table`.  Returns force_x, force_y
-    and torque of the ground on the ball in that state [N, N m].
+    Parameters
+    ----------
+    time, state, system, mode
+        See `mode_derivative`; only the motion of the state is used.
+    pendulum_trig : tuple
+        Sine and cosine of the pendulum angle.
+    out : (7, 9) array
+        See `jacobian_table`; SI.
+
+    Returns
+    -------
+    force_x, force_y, torque : float
+        Loads of the ground on the ball in that state [N], [N m].
+
     """
     parameters = system.parameters
     for row in range(ROWS):

@@ -163,9 +163,17 @@ def position_torque(pendulum_angle: float, pendulum_rate: float, set_angle: floa
     """
     Return the torque of the position law, eq. (11) [N m].
 
-    Angle, its reference `set_angle` [rad] and rate [rad/s] are absolute.  The gains [N m/rad],
-    [N m s/rad] are 40 and 10 in the paper; `gravity_torque` is M2 g e [N m], or 0 for no gravity
-    compensation.
+    Parameters
+    ----------
+    pendulum_angle, pendulum_rate : float
+        Absolute angle [rad] and rate [rad/s].
+    set_angle : float
+        Reference of the absolute angle [rad].
+    kp, kd : float
+        Gains [N m/rad], [N m s/rad]; 40 and 10 in the paper.
+    gravity_torque : float
+        M2 g e [N m], or 0 for no gravity compensation.
+
     """
     return (position_feedback(pendulum_angle, pendulum_rate, set_angle, kp, kd)
             + gravity_torque * math.sin(pendulum_angle))
@@ -184,11 +192,22 @@ def velocity_torque(pendulum_angle: float, joint_rate: float, joint_lag: float,
     """
     Return the torque of the velocity law, eq. (12) [N m].
 
-    `joint_rate` and its reference `set_rate` are of theta2' [rad/s], v / R when rolling forward at
-    v; `joint_lag` is the integral of the rate error since the set-point was given [rad], the
-    paper's ``set_rate * t - theta2``.  The gains [N m s/rad], [N m/rad] are 10 and 0 in the paper;
-    the absolute `pendulum_angle` [rad] and `gravity_torque` are for gravity compensation, as in
-    `position_torque`.
+    Parameters
+    ----------
+    pendulum_angle : float
+        Absolute angle [rad], for gravity compensation.
+    joint_rate : float
+        theta2', rate of the joint [rad/s]; v / R when rolling forward at v.
+    joint_lag : float
+        Integral of the rate error since the set-point was given [rad]; the paper's
+        ``set_rate * t - theta2``.
+    set_rate : float
+        Reference of theta2' [rad/s].
+    kp, ki : float
+        Gains [N m s/rad], [N m/rad]; 10 and 0 in the paper.
+    gravity_torque : float
+        M2 g e [N m], or 0 for no gravity compensation.
+
     """
     return (velocity_feedback(joint_rate, joint_lag, set_rate, kp, ki)
             + gravity_torque * math.sin(pendulum_angle))
@@ -207,8 +226,17 @@ def motor_torque(voltage: float, joint_rate: float, stall_torque_per_volt: float
     """
     Return the torque of a DC motor and gear at the joint [N m].
 
-    `voltage` is that of the armature [V], `joint_rate` is theta2' [rad/s]; for the other arguments
-    see `Robot.motor_line`.
+    Parameters
+    ----------
+    voltage : float
+        Armature voltage [V].
+    joint_rate : float
+        theta2' [rad/s].
+    stall_torque_per_volt : float
+        gear_ratio gear_efficiency torque_constant / resistance [N m/V].
+    back_voltage : float
+        gear_ratio speed_constant [V s/rad].
+
     """
     return stall_torque_per_volt * (voltage - back_voltage * joint_rate)
 
@@ -219,10 +247,21 @@ def applied_torque(requested: float, joint_rate: float, line: tuple[float, float
     """
     Return the torque at the joint for the requested torque of a control law [N m].
 
-    At the rate theta2' of the joint [rad/s], it is limited by the speed-torque lines of the motor
-    at minus and plus its supply voltage, see `Robot.motor_line`, then by the limit of the drive
-    [N m].  More torque is available against the rotation than along it, as the back voltage then
-    adds to the supply; beyond the no-load speed even full voltage brakes.
+    It is limited by the speed-torque lines of the motor at minus and plus its supply voltage, then
+    by the limit of the drive.  More torque is available against the rotation than along it, as the
+    back voltage then adds to the supply; beyond the no-load speed even full voltage brakes.
+
+    Parameters
+    ----------
+    requested : float
+        [N m]
+    joint_rate : float
+        theta2' [rad/s].
+    line : tuple of 4 floats
+        See `Robot.motor_line`.
+    limit : float
+        [N m]
+
     """
     stall_torque_per_volt, back_voltage, supply, maximum_torque = line
     lowest = limited(motor_torque(

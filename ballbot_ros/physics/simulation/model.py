@@ -182,9 +182,15 @@ class Model:
 
     def advance(self, state: State, actuator: Actuator, steps: int) -> State:
         """
-        Return the state after a number of solver steps, for the result of `Actuation.actuator`.
+        Return the state after a number of solver steps.
 
-        A variable-step method chooses its own steps within that duration.
+        Parameters
+        ----------
+        state : State
+        actuator : Actuator
+            See `Actuation.actuator`.
+        steps : int
+            Duration in steps of the solver; a variable-step method chooses its own steps.
 
         Raises
         ------

@@ -128,10 +128,21 @@ class Integrator:
     def advance(self, actuator: Actuator, state: Array, status: Status, end: float,
                 output: Output = NO_OUTPUT, budget: Optional[int] = None) -> Status:
         """
-        Advance a state, a (13,) array, in place to the time `end` [s]; fill the rows of `output`.
+        Advance a state in place.
 
-        At the start of a run the status is ``Status(FINISHED, time)``.  The run ends when `work`
-        reaches `budget`, by default after the work budget of the solver.
+        Parameters
+        ----------
+        actuator : Actuator
+        state : (13,) array
+        status : Status
+            Status of the state: ``Status(FINISHED, time)`` at the start of a run.
+        end : float
+            [s]
+        output : Output, optional
+            Rows to fill.
+        budget : int, optional
+            `work` at which the run ends; by default after the work budget of the solver.
+
         """
         solver = self._solver
         if budget is None:

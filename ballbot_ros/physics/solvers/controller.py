@@ -237,10 +237,21 @@ def next_step(now: StepController, used: float, grow: float) -> float:
 def accepted(now: StepController, used: float, error: float, number: int, stiffness: float,
              again: bool, options: Options) -> StepController:
     """
-    Return the controller after a step [s] that was accurate enough.
+    Return the controller after a step that was accurate enough.
 
-    `error` is its estimated error [m], `number` that of `chosen`, and `stiffness` its ratio to the
-    longest stable explicit step; `again` states whether a longer step was rejected before.
+    Parameters
+    ----------
+    used : float
+        The step [s].
+    error : float
+        Its estimated error [m].
+    number : int
+        See `chosen`.
+    stiffness : float
+        Ratio of the step to the longest stable explicit one.
+    again : bool
+        Whether a longer step was rejected before.
+
     """
     grow = FASTEST_GROWTH
     if error > 0.0:

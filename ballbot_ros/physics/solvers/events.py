@@ -86,9 +86,16 @@ def pressed_throughout(work: Array, row: int, normal: tuple[float, float, float]
     """
     Return whether a contact stays in contact, pressed, and sliding or not, as it was.
 
-    `normal` is the normal at the start of the step with the distance then [m], and `friction` the
-    coefficient.  `apart` is a bound of the motion of the centre along the tangent if that rotates
-    the normal, else 0; and the course of the centre along the normal, from the feature [m].
+    Parameters
+    ----------
+    normal : tuple
+        Normal at the start of the step, and the distance then [m].
+    friction : float
+        Coefficient of friction.
+    apart : tuple
+        Bound of the motion of the centre along the tangent if that rotates the normal, else 0; and
+        the course of the centre along the normal, from the feature [m].
+
     """
     (normal_x, normal_y, distance), (aside, away), parameters = normal, apart, system.parameters
     closing = course_of(work, VELOCITY_X, normal_x, normal_y)

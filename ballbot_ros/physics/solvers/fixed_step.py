@@ -27,7 +27,17 @@ def moved(status: Status, outcome: int, time: float, filled: int) -> Packed:
 
 
 def loop_of(step: Step, evaluations: int) -> Callable[[Packed], Packed]:
-    """Return the `advance` of a method with that many right-hand sides per step; see `solvers`."""
+    """
+    Return the `advance` of a fixed-step method; see the contract in `solvers`.
+
+    Parameters
+    ----------
+    step : kernel
+        See `Step`.
+    evaluations : int
+        Right-hand sides per step.
+
+    """
     return outlined(with_globals(_advance, step, step=step, evaluations=evaluations))
 
 

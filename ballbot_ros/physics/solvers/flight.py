@@ -79,10 +79,15 @@ def has_closed_form(parameters: Parameters, actuator: Actuator) -> bool:
 @compiled
 def spin_start(state: Array, parameters: Parameters, actuator: Actuator) -> Spin:
     """
-    Return the initial values of a flight: l1, l2, g1, h1, g2, h2.
+    Return the initial values of a flight for `spin_after`.
 
-    They are the eigenvalues [1/s], and the accelerations of ball (g) and pendulum (h) at the
-    start, projected on each eigenvector.
+    Returns
+    -------
+    l1, l2 : float
+        Eigenvalues [1/s].
+    g1, h1, g2, h2 : float
+        The accelerations of ball and pendulum at the start, projected on each eigenvector.
+
     """
     rate, swing = state[BALL_RATE], state[PENDULUM_RATE]
     if parameters.swing_inertia <= 0.0:
@@ -178,10 +183,21 @@ def rolling_loss(state: Array, time: float, spin: Spin, parameters: Parameters) 
 @outlined
 def fly(state: Array, time: float, spin: Spin, parameters: Parameters, out: Array) -> None:
     """
-    Write the motion after a time of flight [s] into `out`, with the ledger unchanged.
+    Write the motion after a time of flight into `out`, with the ledger unchanged.
 
-    `state` is that at the start of the flight, and not the same array; `spin` is its `spin_start`,
-    with a law that `has_closed_form`, and that is never at its limit during the flight.
+    Parameters
+    ----------
+    state : (13,) array
+        State at the start of the flight.
+    time : float
+        Time of flight [s].
+    spin : tuple
+        `spin_start` of that state, with a law that `has_closed_form`, and that is never at its
+        limit during the flight.
+    parameters : Parameters
+    out : (13,) array
+        Must not be the same array as `state`.
+
     """
     l1, l2, g1, _, g2, _ = spin
     rate, swing = state[BALL_RATE], state[PENDULUM_RATE]
@@ -250,8 +266,18 @@ def time_of_touch(state: Array, most: float, width: float, spin: Spin, parameter
     """
     Return the time of flight until the ball first touches the ground [s].
 
-    It is infinity if there is no touch within `most` [s], and later than the touch by at most
-    `width` [s].
+    Parameters
+    ----------
+    most : float
+        Limit of the search [s].
+    width : float
+        Resolution [s]; the returned time is later than the touch by at most this.
+
+    Returns
+    -------
+    float
+        Infinity if there is none.
+
     """
     done = 0.0
     l1, l2, g1, h1, g2, h2 = spin
@@ -295,8 +321,14 @@ def fly_to_touch(time: float, state: Array, end: float, system: System, output: 
     """
     Advance a state that `is_released` in place until the ground pushes again.
 
-    Returns the reached time [s], unchanged if the motor might reach its limit or a contact force
-    might act immediately, and the number of filled rows.
+    Returns
+    -------
+    time : float
+        Reached time [s]; unchanged if the motor might reach its limit, or if a contact force
+        might act immediately.
+    filled : int
+        Number of filled rows.
+
     """
     parameters, actuator = system.parameters, system.actuator
     later = workspace.work[values.PROBE:]

@@ -160,7 +160,15 @@ def invert(jacobian: Array, scale: float, work: Array) -> None:
     """
     Write the eight columns of the matrix that solves a stage into the rows values.COLUMNS.
 
-    `jacobian` is that of `modes.write_jacobian`, and `scale` is gamma h [s].
+    Parameters
+    ----------
+    jacobian : array
+        See `modes.write_jacobian`.
+    scale : float
+        gamma h [s].
+    work : array
+        All rows, see `values`.
+
     """
     # Blocks: [turn, across; back, move].  With the inverse of move, m / d, the complement of turn
     # is (d turn - across m back) / d: so the two slow divisions can run in parallel.

@@ -74,8 +74,12 @@ def local_error(step: float, before: float, parameters: Parameters,
     """
     Return the estimated local error, h^3 / 12 times the third derivative, as a length [m].
 
-    `before` is the previous step [s]; 0 if there is none, and then the error is that of Euler's
-    method, to be on the safe side.
+    Parameters
+    ----------
+    before : float
+        Length of the previous step [s]; 0 if there is none, and then the error is that of Euler's
+        method, to be on the safe side.
+
     """
     work = workspace.work
     error, start, rates = work[values.ERROR:], work[values.F0:], work[values.RIGHT:]
