@@ -229,9 +229,10 @@ class DriveControl(Generic[Estimated]):
         """Clear the faults of the drive and return those that remain; may raise `RefusedError`."""
         try:
             return driver.clear_faults(HANDSHAKE)
-        except (DriveError, LinkError) as error:
-            if isinstance(error, LinkError):
-                self.disconnect(driver, error)
+        except DriveError as error:
+            raise RefusedError(str(error), 'failed', 'drive') from error
+        except LinkError as error:
+            self.disconnect(driver, error)
             raise RefusedError(str(error), 'failed', 'drive') from error
         finally:
             self.sensing.restart(self._clock())  # no measurement was requested meanwhile

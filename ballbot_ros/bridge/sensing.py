@@ -263,8 +263,8 @@ class Sensing(AxisSensing[Estimate]):
 
     def motion(self, now: float) -> Optional[PendulumMotion]:
         estimate = self.fusion.estimate
-        if estimate is None or self.is_stale(now) or self.needs_imu(now) \
-                or not self.fusion.is_relied_on():
+        if estimate is None or self.is_stale(now) or now - estimate.stamp > MEASUREMENT_AGE_MAX \
+                or self.needs_imu(now) or not self.fusion.is_relied_on():
             return None
         angle, _, rate, ball_rate, _ = estimate.mean.tolist()
         return PendulumMotion(angle, rate, rate - ball_rate)

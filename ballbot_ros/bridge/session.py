@@ -89,18 +89,46 @@ class Session:
     """
     Keeps the drives in the requested state, and reconnects after a lost link.
 
-    `connect` opens the link and returns its driver, also to reconnect; `connect_lateral` does so
-    for the lateral axis, if the hardware has one.  The clock is monotonic [s].  `law` computes the
-    torque from set-points, without a topic in between; the torque has the stamp of its
-    measurement, so it expires if the measurements stop.  Without a law, torque commands are
-    followed (direct control).  `publishers` returns the names of the nodes that publish on a
-    topic, for messages.
+    Parameters
+    ----------
+    connect : callable
+        Opens the link and returns its driver; called again to reconnect.
+    clock : callable
+        Monotonic clock [s].
+    observer : SessionObserver
+        Receives the events.
+    law : SupervisedController, optional
+        Computes the torque from set-points, without a topic in between; the torque has the stamp
+        of its measurement, so it expires if the measurements stop.  None for direct control by
+        torque commands.
+    connect_lateral : callable, optional
+        As `connect`, for the lateral axis, if the hardware has one.
+    publishers : callable
+        Returns the names of the nodes that publish on a topic, for messages.
 
-    The joint of the pendulum is the first of `axes`; `control`, `sensing`, `line`, `supervisor`
-    and `fusion` belong to it.  With a lateral axis, `lateral` has its measurements, and `course`
-    position and heading by its model.  The callbacks of the topics count the refused set-points
-    by reason in `set_points_refused`.  `lock` is held in each call, and during changes of data
-    that the loop reads.
+    Attributes
+    ----------
+    axes : tuple of DriveControl
+        The joint of the pendulum first.
+    control : DriveControl
+        The first axis: state of the motor, and counters.
+    sensing : Sensing
+        Measurements of the first axis.
+    lateral : LateralAxis or None
+        Measurements and law of the lateral axis.
+    course : GroundTrack or None
+        Position and heading of a robot with a lateral axis, by its model.
+    line : DriveLine
+        The connected drive, or the reason for a missing connection.
+    supervisor : Supervisor
+        Torque limits and e-stop of the first axis.
+    fusion : Fusion
+        State estimation of the first axis, with the latest estimate.
+    set_points_refused : Counter
+        Number of refusals by reason; the callbacks of the topics count them.
+    lock : RLock
+        Held in each call, and during changes of data that the loop reads.
+
     """
 
     def __init__(self, hardware: Hardware, robot: Robot, connect: Callable[[], Driver],
