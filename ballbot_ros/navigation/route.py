@@ -511,8 +511,7 @@ class RoutePlanner:
         x += driven * math.cos(course) - left * math.sin(course)
         y += driven * math.sin(course) + left * math.cos(course)
         way = math.cos(course + turned), math.sin(course + turned)
-        close = self._clear < min(
-            self.ball_radius + CLEARANCE, self._clear.flat[self._node((x, y))])
+        close = self._closer((x, y), CLEARANCE)
         feature = self._assumed[segment.number]
         for edge in self.boundaries[segment.number]:
             for at, sign, angle in crossings((edge.line,), (x, y), way):
@@ -639,9 +638,14 @@ class RoutePlanner:
 
         A ball that is already closer than half the clearance must not get closer.
         """
-        clear = min(self.ball_radius + 0.5 * CLEARANCE, self._clear.flat[self._node(pose)])
         return self._free((pose[0], pose[1]), (math.cos(pose[2]), math.sin(pose[2])),
-                          self._clear < clear)
+                          self._closer(pose, 0.5 * CLEARANCE))
+
+    def _closer(self, place: Sequence[float], clearance: float) -> NDArray[np.bool_]:
+        """Return the cells closer to walls and obstacles than a clearance [m] and a position."""
+        found: NDArray[np.bool_] = self._clear < min(
+            self.ball_radius + clearance, self._clear.flat[self._node(place)])
+        return found
 
     def _inside(self, row: int, column: int) -> bool:
         """Return whether a cell exists and the centre may be there."""
