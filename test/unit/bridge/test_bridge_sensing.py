@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measurements of the robot: their values, times and lifetimes."""
 from dataclasses import replace
+import math
 
 import pytest
 
@@ -8,6 +9,7 @@ from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.motor_state import MEASUREMENT_AGE_MAX
 from ballbot_ros.bridge.sensing import Sensing
 from ballbot_ros.drives.contract import Telemetry
+from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import ImuReading
 from ballbot_ros.physics import load_robot
 
@@ -61,6 +63,15 @@ def test_an_old_measurement_is_not_returned():
     assert found.take(Telemetry(position=1.0)) is None
     assert take(found, 10.0) is None and take(found, 9.9) is None  # from before it started
     assert take(found, 10.1) is not None and take(found, 10.1) is None
+
+
+def test_refused_readings_do_not_prolong_the_life_of_an_estimate():
+    found = sensing()
+    assert take(found, 10.1) is not None
+    late = 10.1 + MEASUREMENT_AGE_MAX + 1e-3
+    with pytest.raises(MessageError):
+        take(found, late, math.nan)
+    assert not found.is_stale(late) and found.motion(late) is None
 
 
 def test_an_answer_is_expected_from_the_request_until_it_arrives():
