@@ -9,7 +9,9 @@ import numpy as np
 from ballbot_ros.control import ControlTuning
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, Model, Solver, State, Terrain)
+from ballbot_ros.physics.model.terrain import FRICTION
 
+MU_MAX = FRICTION.metadata['maximum']
 BUDGET = 200_000  # right-hand sides per run of a case; the product's default is far above it
 LONG_BUDGET = 100_000_000
 ROBOTS = {name: load_robot(name) for name in ('gimball', 'shellball')}
@@ -117,7 +119,7 @@ def damping(draw):
 
 
 def friction(draw):
-    surface, edge = (float(draw.choice([0.0, decades(draw, 1e-3, 10.0)])) for _ in range(2))
+    surface, edge = (float(draw.choice([0.0, decades(draw, 1e-3, MU_MAX)])) for _ in range(2))
     return meeting(draw, replace(base(draw), surface_friction=surface, edge_friction=edge))
 
 
@@ -188,8 +190,8 @@ def combined(draw):
         robot = with_ratio(robot, decades(draw, 1e-6, 1e6))
     if robot.has_pendulum and draw.random() < 0.5:
         robot = replace(robot, pendulum_length=robot.ball_radius * float(draw.uniform(0, 1)))
-    for name, low, high in (('contact_stiffness', 1e1, 1e9), ('surface_friction', 1e-3, 10.0),
-                            ('edge_friction', 1e-3, 10.0), ('slip_threshold', 1e-7, 1.0),
+    for name, low, high in (('contact_stiffness', 1e1, 1e9), ('surface_friction', 1e-3, MU_MAX),
+                            ('edge_friction', 1e-3, MU_MAX), ('slip_threshold', 1e-7, 1.0),
                             ('gravity', 1e-3, 25.0)):
         if draw.random() < 0.5:
             robot = replace(robot, **{name: decades(draw, low, high)})

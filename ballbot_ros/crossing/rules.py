@@ -27,7 +27,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.jit import in_python
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.physics.model.terrain import Array, Terrain
+from ballbot_ros.physics.model.terrain import Array, friction_coefficient, Terrain
 
 # Lead of the start before the touch, in programs that cannot start with the touch itself [m]; too
 # short for a free ball to change its speed, and for a driven one to change it much.
@@ -57,14 +57,12 @@ class Site(Checked):
     slope_behind: float = quantity(
         'rad', 'slope of the ground behind the step, positive uphill', default=0.0,
         minimum=-SLOPE_MAX, maximum=SLOPE_MAX)
-    friction_before: Optional[float] = quantity(
-        '1', 'coefficient of friction of the ground before the step', minimum=0.0,
-        optional=True)
-    friction_edge: Optional[float] = quantity(
-        '1', 'coefficient of friction of the edge', minimum=0.0, optional=True)
-    friction_behind: Optional[float] = quantity(
-        '1', 'coefficient of friction of the ground behind the step', minimum=0.0,
-        optional=True)
+    friction_before: Optional[float] = friction_coefficient(
+        'coefficient of friction of the ground before the step', optional=True)
+    friction_edge: Optional[float] = friction_coefficient(
+        'coefficient of friction of the edge', optional=True)
+    friction_behind: Optional[float] = friction_coefficient(
+        'coefficient of friction of the ground behind the step', optional=True)
 
     def terrain(self, height: float) -> Terrain:
         """Return the ground with a step of some height [m]."""

@@ -19,6 +19,7 @@ from ballbot_ros.config.fields import (
     Checked, Problems, quantity, refuse_missing, section, text)
 from ballbot_ros.config.files import find_config, read_config, read_yaml
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.model.terrain import friction_coefficient
 
 Point = Tuple[float, float]
 Read = TypeVar('Read')
@@ -60,8 +61,8 @@ class Feature(Checked):
                                 minimum=0.0, maximum=0.1)
     width: float = quantity('m', 'width of a threshold or cord', default=0.05, above=0.0,
                             maximum=2.0)
-    friction: Optional[float] = quantity('1', 'coefficient of friction of an area of friction',
-                                         minimum=0.0, maximum=2.0, optional=True)
+    friction: Optional[float] = friction_coefficient(
+        'coefficient of friction of an area of friction', optional=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -10,6 +10,7 @@ import numpy as np
 from ballbot_ros.config.fields import check_value, Checked, count, quantity, section, text
 from ballbot_ros.config.files import load_config
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.physics.model.terrain import friction_coefficient
 
 
 @dataclass(frozen=True)
@@ -128,8 +129,8 @@ class CurveProvenance(Checked):
 
     robot_digest: str = text('checksum of the parameters of the robot')
     law: str = text('law of actuation')
-    surface_friction: float = quantity('1', 'coefficient of friction of the ground', minimum=0.0)
-    edge_friction: float = quantity('1', 'coefficient of friction of the edge', minimum=0.0)
+    surface_friction: float = friction_coefficient('coefficient of friction of the ground')
+    edge_friction: float = friction_coefficient('coefficient of friction of the edge')
     attempts: str = text('attempts that counted', choices=('first', 'any'))
     accuracy: float = quantity('m', 'largest error of a simulated height', above=0.0)
     points: int = count('number of fitted speeds', minimum=4)

@@ -13,6 +13,7 @@ from ballbot_ros.config.fields import (
     quantity, read_values, text)
 from ballbot_ros.config.files import load_config
 from ballbot_ros.errors import ConfigurationError, PlausibilityWarning
+from ballbot_ros.physics.model.terrain import friction_coefficient
 
 
 @dataclass(frozen=True, repr=False)
@@ -205,10 +206,10 @@ class Robot(Checked):
         'N m s/rad', 'viscous friction of the pendulum joint, c2', minimum=0.0)
     contact_stiffness: float = quantity('N/m', 'stiffness of the shell, k', above=0.0)
     contact_damping: float = quantity('N s/m', 'damping of the shell, kd', minimum=0.0)
-    surface_friction: float = quantity(
-        '1', 'coefficient of friction on a surface, mu', minimum=0.0)
-    edge_friction: float = quantity(
-        '1', 'coefficient of friction on the edge of a step, mu', minimum=0.0)
+    surface_friction: float = friction_coefficient(
+        'coefficient of friction on a surface, mu')
+    edge_friction: float = friction_coefficient(
+        'coefficient of friction on the edge of a step, mu')
     slip_threshold: float = quantity(
         'm/s', 'slip velocity at which friction is fully developed, eq. (9)', above=0.0,
         default=0.01)

@@ -32,6 +32,14 @@ from ballbot_ros.errors import ConfigurationError
 Array = NDArray[np.float64]
 
 
+def friction_coefficient(doc: str, *, optional: bool = False) -> Any:
+    """Declare a coefficient of friction, in the range for which the solvers are tested."""
+    return quantity('1', doc, minimum=0.0, maximum=10.0, optional=optional)
+
+
+FRICTION = friction_coefficient('coefficient of friction')
+
+
 # Columns of a profile, the array from which the compiled kernels read a terrain; a row per vertex.
 # (A single array, because counting references to seven costs more than the mechanics.)
 # Tangents and surface friction are those of the segment that starts at the vertex.
@@ -225,10 +233,8 @@ def _friction(name: str, values: ArrayLike, length: int) -> Array:
         raise ConfigurationError(
             f'terrain: {name} must have {length} entries, got shape {array.shape}',
             'wrong_type', name)
-    if np.isinf(array).any() or (array < 0.0).any():
-        raise ConfigurationError(
-            f'terrain: {name} must be at least 0 and finite, got {array.tolist()}',
-            'out_of_range', name)
+    for value in array[~np.isnan(array)].tolist():
+        check_value(name, value, FRICTION.metadata, 'terrain')
     return array
 
 
@@ -242,8 +248,7 @@ _LENGTH = quantity('m', 'horizontal length', above=0.0, maximum=1e6)
 _HEIGHT = quantity('m', 'height', above=0.0, maximum=1e6)
 _SIGNED = quantity('m', 'height, negative for down', minimum=-1e6, maximum=1e6)
 _ANGLE = quantity('deg', 'slope angle', minimum=-89.0, maximum=89.0)
-_FRICTION = quantity('1', 'coefficient of friction', minimum=0.0, maximum=1e3)
-_COMMON = {'friction': _FRICTION, 'edge_friction': _FRICTION}
+_COMMON = {'friction': FRICTION, 'edge_friction': FRICTION}
 
 
 def _flat(length: float) -> Strides:

@@ -36,14 +36,14 @@ def test_all_errors_of_a_file_are_reported_together(tmp_path, refusal, capsys, m
 def test_all_errors_of_a_robot_are_reported_together_and_a_misspelt_key_once(tmp_path):
     (tmp_path / 'mine.yaml').write_text(
         'name: mine\nball_mas: 3.0\nball_radius: {value: 22, unit: cm}\nsurface_friction: -1\n'
-        'motor: {gear_ratio: 0, weight: 1}\n')
+        'edge_friction: 22\nmotor: {gear_ratio: 0, weight: 1}\n')
     with pytest.raises(ConfigurationError) as caught:
         load_robot(tmp_path / 'mine.yaml')
     found = {(item.reason, item.field) for item in caught.value.problems}
     assert found == {
         ('unknown_name', 'ball_mas'), ('missing', 'ball_inertia'), ('not_a_choice', 'ball_radius'),
-        ('out_of_range', 'surface_friction'), ('unknown_name', 'weight'),
-        ('missing', 'gear_efficiency'), ('out_of_range', 'gear_ratio')}
+        ('out_of_range', 'surface_friction'), ('out_of_range', 'edge_friction'),
+        ('unknown_name', 'weight'), ('missing', 'gear_efficiency'), ('out_of_range', 'gear_ratio')}
 
 
 @pytest.mark.parametrize('words, kind, wanted', [

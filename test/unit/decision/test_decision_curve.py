@@ -128,7 +128,7 @@ MADE = {'robot_digest': '0', 'law': 'free', 'surface_friction': 0.2, 'edge_frict
 
 
 @pytest.mark.parametrize('reason, change', [
-    ('out_of_range', {'surface_friction': -0.1}), ('out_of_range', {'edge_friction': -0.1}),
+    ('out_of_range', {'surface_friction': -0.1}), ('out_of_range', {'edge_friction': 11.0}),
     ('out_of_range', {'accuracy': 0.0}), ('out_of_range', {'points': 3}),
     ('not_a_choice', {'attempts': 'second'}), ('unknown_name', {'colour': 'red'})])
 def test_the_provenance_of_a_curve_is_checked(reason, change):

@@ -215,7 +215,8 @@ def test_malformed_profiles_are_refused(vertices, words):
     ('surface_friction', [0.1], ['2 entries', '(1,)']),
     ('edge_friction', [0.1, 0.2], ['3 entries', '(2,)']),
     ('surface_friction', [0.1, -0.2], ['at least 0', '-0.2']),
-    ('edge_friction', [0.1, math.inf, 0.1], ['at least 0 and finite', 'inf'])])
+    ('edge_friction', [0.1, math.inf, 0.1], ['finite', 'inf']),
+    ('edge_friction', [0.1, 11.0, 0.1], ['at most 10', '11'])])
 def test_malformed_frictions_of_a_profile_are_refused(name, values, words):
     with pytest.raises(ConfigurationError) as caught:
         Terrain([[0, 0], [1, 0], [2, 0]], **{name: values})

@@ -210,7 +210,8 @@ def test_a_failed_attempt_reports_time_and_reason():
 
 @pytest.mark.parametrize('reason, field, value', [
     ('out_of_range', 'slope_before', 1.5), ('not_finite', 'slope_behind', math.nan),
-    ('out_of_range', 'friction_edge', -0.1)])
+    ('out_of_range', 'friction_edge', -0.1),
+    *(('out_of_range', f'friction_{place}', 1e9) for place in ('before', 'edge', 'behind'))])
 def test_impossible_sites_are_refused_by_name(reason, field, value):
     with refused(reason, field):
         Site(**{field: value})
