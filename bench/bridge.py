@@ -28,7 +28,7 @@ from round_trip import joined
 from std_srvs.srv import Trigger
 import yaml
 
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.files import read_yaml, shipped_folder
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.physics import load_scene
@@ -155,7 +155,7 @@ def emulated_robot(folder):
 def running(folder, emulated=emulated_here, control='direct', rearm=True, **parameters):
     """Yield a `Bench` with a running bridge, whose files are in `folder`."""
     domain = own_domain()
-    content = yaml.safe_load((config_folder() / 'hardware/gimball_odrive.yaml').read_text())
+    content = read_yaml(shipped_folder('config') / 'hardware/gimball_odrive.yaml')
     content['connection'].update(
         imu_required=emulated is emulated_robot, port=str(folder / 'motor'))
     content['limits'].update(rearm=rearm, torque_rate_limit=1e6)

@@ -18,7 +18,7 @@ import sys
 import numpy as np
 from random_scenes import DURATION, random_scene
 
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.files import shipped_files
 from ballbot_ros.crossing import cruising, held_at, max_step_height, rolling, Rules, Site, try_step
 from ballbot_ros.errors import SimulationError
 from ballbot_ros.physics import (
@@ -67,7 +67,7 @@ def variants():
 
 def scenes():
     """Yield name and outcome of each scene that comes with the package."""
-    for path in sorted((config_folder() / 'scenes').glob('*.yaml')):
+    for path in shipped_files('scenes'):
         name, scene = path.stem, load_scene(path.stem)
         for way, solver in variants():
             for step in (1e-3, 1e-2):

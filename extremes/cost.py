@@ -7,7 +7,7 @@ from statistics import median
 import time
 from unittest import mock
 
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.files import shipped_files
 from ballbot_ros.physics import load_scene, simulate, Solver
 from ballbot_ros.physics.simulation import run
 
@@ -45,7 +45,7 @@ def with_steps(scene, method):
 def report():
     """Print the ratios of what it costs with the second look to what it cost without."""
     scenes = {path.stem: load_scene(path.stem)
-              for path in sorted((config_folder() / 'scenes').glob('*.yaml'))}
+              for path in shipped_files('scenes')}
     for what, kinds, of, unit in (
             ('accuracy', LEVELS, to_accuracy, 'function evaluations'),
             ('steps of 0.1 ms', ('rk4', 'semi_implicit'), with_steps, 'processor time')):

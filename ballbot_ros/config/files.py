@@ -38,14 +38,9 @@ def shipped_folder(name: str) -> Path:
         + '. Install the package again.', 'not_installed', name)
 
 
-def config_folder() -> Path:
-    """Return the folder of robots, scenes, curves and tunings; see `shipped_folder`."""
-    return shipped_folder('config')
-
-
 def shipped_files(kind: str) -> list[Path]:
     """Return the files in a subfolder of ``config/``, in the order of their names."""
-    return sorted((config_folder() / kind).glob('*.yaml'))
+    return sorted((shipped_folder('config') / kind).glob('*.yaml'))
 
 
 def is_path(name_or_path: str) -> bool:

@@ -7,7 +7,7 @@ Therefore discovery over the network is opt-in.
 """
 from typing import Dict, Mapping, MutableMapping
 
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.files import shipped_folder
 
 RANGE_VARIABLE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 # If one of these is set, the user has configured discovery.
@@ -41,7 +41,7 @@ def variables(environment: Mapping[str, str]) -> Dict[str, str]:
     if not on_this_machine(environment):
         return {}
     added = {} if chosen(environment) else {RANGE_VARIABLE: 'LOCALHOST'}
-    path = str(config_folder() / 'fastdds' / 'this_machine.xml')
+    path = str(shipped_folder('config') / 'fastdds' / 'this_machine.xml')
     if not any(environment.get(name) for name in FAST_DDS_VARIABLES):
         added.update(dict.fromkeys(FAST_DDS_VARIABLES, path))
     return added

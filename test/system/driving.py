@@ -10,7 +10,7 @@ from waiting import TIMEOUT
 import yaml
 
 from ballbot_ros.bridge.supervisor import StopReason
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.files import read_yaml, shipped_folder
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.ros.message_bytes import command_bytes
 
@@ -24,7 +24,7 @@ HELD_UP = (StopReason.SILENT, StopReason.UNCONFIRMED, StopReason.DISARMED_BY_DRI
 
 def write_hardware(path, name='gimball_odrive', limits=MappingProxyType({}), **connection):
     """Write a hardware file of the package with changed limits and connection; return its path."""
-    content = yaml.safe_load((config_folder() / 'hardware' / f'{name}.yaml').read_text())
+    content = read_yaml(shipped_folder('config') / 'hardware' / f'{name}.yaml')
     content['connection'].update(watchdog=WATCHDOG, **connection)
     content['limits'].update(limits)
     path.write_text(yaml.safe_dump(content))

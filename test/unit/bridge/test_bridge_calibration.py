@@ -12,7 +12,7 @@ from virtual_robot import STEP, VirtualRobot
 from ballbot_ros.bridge.commissioning.calibration import Calibrator, fit
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.cli.calibrate_motor import write
-from ballbot_ros.config.files import config_folder, read_yaml
+from ballbot_ros.config.files import find_config, read_yaml
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.errors import BallbotError, RefusedError
 from ballbot_ros.physics import load_robot
@@ -313,7 +313,7 @@ def test_a_pendulum_that_friction_holds_is_refused():
 
 def test_a_written_file_is_readable_and_marked_as_measured(calibrated, tmp_path):
     path = tmp_path / 'mine.yaml'
-    write(path, read_yaml(config_folder() / 'hardware/gimball_odrive.yaml'), calibrated[1],
+    write(path, read_yaml(find_config('hardware', 'gimball_odrive')), calibrated[1],
           'gimball_odrive')
     hardware = load_hardware(str(path))
     assert hardware.provenance['joint.torque_factor'].source == 'measured'

@@ -11,18 +11,18 @@ from ballbot_ros.bridge.feasibility import (
     BAUD_RATES, check_feasible, check_joint_state_rate, onboard_lag, RESERVE, wire_budget)
 from ballbot_ros.bridge.hardware_file import (
     Connection, Joint, Limits, load_hardware, read_hardware)
-from ballbot_ros.config.files import config_folder, read_yaml
+from ballbot_ros.config.files import read_yaml, shipped_files, shipped_folder
 from ballbot_ros.control import load_tuning
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.physics import load_robot
 
 GIMBALL, GENTLE, PUBLISHED = load_robot('gimball'), load_tuning('gentle'), load_tuning('published')
-SHIPPED = sorted(path.stem for path in (config_folder() / 'hardware').glob('*.yaml'))
+SHIPPED = sorted(path.stem for path in shipped_files('hardware'))
 
 
 def content(**sections):
     """Return the shipped ODrive file with some entries changed."""
-    file = dict(read_yaml(config_folder() / 'hardware/gimball_odrive.yaml'))
+    file = dict(read_yaml(shipped_folder('config') / 'hardware/gimball_odrive.yaml'))
     for section, entries in sections.items():
         file[section] = {**file[section], **entries}
     return file
@@ -180,7 +180,7 @@ def test_the_driver_has_the_torque_limit_of_the_pendulum_referred_to_the_motor_s
 @pytest.mark.parametrize('name', [
     'torque_limit', 'drive_torque_limit', 'speed_limit', 'watchdog'])
 def test_the_section_drive_does_not_override_a_safety_setting(name):
-    file = dict(read_yaml(config_folder() / 'hardware/gimball_odrive.yaml'))
+    file = dict(read_yaml(shipped_folder('config') / 'hardware/gimball_odrive.yaml'))
     file['drive'] = {**file.get('drive', {}), name: 3.0}
     with refused('inconsistent', name):
         read_hardware(file, 'here')

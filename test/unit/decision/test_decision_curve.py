@@ -7,10 +7,10 @@ import pytest
 from refusals import refused
 from tiers import slow
 
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.files import shipped_files
 from ballbot_ros.decision import HeightCurve, load_curve
 
-SHIPPED = sorted(file.stem for file in (config_folder() / 'curves').glob('*.yaml'))
+SHIPPED = sorted(file.stem for file in shipped_files('curves'))
 FINE = {'name': 'mine', 'robot': 'gimball', 'actuation': 'free', 'source': 'a test',
         'lowest_speed': 0.2, 'highest_speed': 1.2, 'residual': 0.0,
         'coefficients': [0.0, 0.01, 0.05, -0.01]}

@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 import yaml
 
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.files import shipped_files
 from ballbot_ros.decision import HeightCurve, load_curve
 from ballbot_ros.studies.curve_fit import curve_text
 
-SHIPPED = sorted(file.stem for file in (config_folder() / 'curves').glob('*.yaml'))
+SHIPPED = sorted(file.stem for file in shipped_files('curves'))
 PLAIN = HeightCurve('mine', 'gimball', 'free', 'a test', 0.2, 1.2, 0.0,
                     coefficients=(0.0, 0.01, 0.05, -0.01))
 

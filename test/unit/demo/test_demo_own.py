@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 from refusals import refused
 
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.files import shipped_folder
 from ballbot_ros.demo import demo, hardware
 from ballbot_ros.demo.demo import CASES, demo_cases, passages_of, RecordedSimulation
 from ballbot_ros.demo.hardware import GetGoing
@@ -39,7 +39,7 @@ def test_a_custom_scene_has_its_robot_and_the_matching_curve():
 def own_robot(tmp_path):
     """Return the file of a robot without a height curve."""
     path = tmp_path / 'mine.yaml'
-    text = (config_folder() / 'robots' / 'gimball.yaml').read_text()
+    text = (shipped_folder('config') / 'robots' / 'gimball.yaml').read_text()
     path.write_text(text.replace('name: gimball', 'name: mine'))
     return str(path)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.files import shipped_files
 from ballbot_ros.physics import (
     Actuation, load_robot, load_scene, Model, simulate, Solver, State, Terrain)
 
@@ -42,8 +42,7 @@ def test_a_looser_accuracy_costs_less():
     assert cost[0] < 0.8 * cost[1]
 
 
-@pytest.mark.parametrize('name', sorted(path.stem for path in (config_folder() / 'scenes').glob(
-    '*.yaml')))
+@pytest.mark.parametrize('name', sorted(path.stem for path in shipped_files('scenes')))
 def test_the_solver_of_each_shipped_scene_is_accurate_to_thirty_micrometres(name):
     scene = load_scene(name)
     found = scene.simulate()

@@ -7,14 +7,14 @@ from hypothesis import example, given, settings, strategies
 import numpy as np
 import pytest
 
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.files import shipped_files
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Model, simulate, Solver, Terrain)
 from ballbot_ros.physics.simulation.run import TooLongSteps
 
 ROBOTS = {name: load_robot(name) for name in ('gimball', 'shellball')}
 LOSSES = ('contact_loss', 'friction_loss', 'rolling_loss', 'joint_loss')
-SCENES = sorted(path.stem for path in (config_folder() / 'scenes').glob('*.yaml'))
+SCENES = sorted(path.stem for path in shipped_files('scenes'))
 # Nothing drives the ball in these scenes until the caller sends a torque.
 STILL = {'flat', 'doorstep', 'drop_on_slope'}
 

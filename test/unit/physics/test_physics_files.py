@@ -10,13 +10,13 @@ from refusals import refused
 import yaml
 
 from ballbot_ros.config.fields import SOURCES
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.files import shipped_files, shipped_folder
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, load_scene, Robot, Solver, Terrain)
 from ballbot_ros.physics.model.terrain import PIECES, read_terrain
 
-ROBOT = (config_folder() / 'robots' / 'gimball.yaml').read_text(encoding='utf-8')
+ROBOT = (shipped_folder('config') / 'robots' / 'gimball.yaml').read_text(encoding='utf-8')
 SCENE = """\
 robot: gimball
 terrain:
@@ -298,7 +298,7 @@ def test_actuation_inputs_are_converted_to_si_units(tmp_path):
     assert load_scene(write(tmp_path, text)).actuation.set_rate == pytest.approx(2.0, rel=1e-15)
 
 
-@pytest.mark.parametrize('path', sorted((config_folder() / 'scenes').glob('*.yaml')),
+@pytest.mark.parametrize('path', shipped_files('scenes'),
                          ids=lambda path: path.stem)
 def test_each_scene_of_the_package_loads_by_name_and_by_path(path):
     by_name, by_path = load_scene(path.stem), load_scene(str(path))

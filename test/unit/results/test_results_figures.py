@@ -8,12 +8,12 @@ import pytest
 from refusals import refused
 from tiers import slow
 
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.files import shipped_files
 from ballbot_ros.figures.frames import lay_out, MOST_ROWS
 from ballbot_ros.figures.run import save, strip, time_series
 from ballbot_ros.physics import load_scene, Model, Terrain, Trajectory
 
-SCENES = sorted(path.stem for path in (config_folder() / 'scenes').glob('*.yaml'))
+SCENES = sorted(path.stem for path in shipped_files('scenes'))
 
 
 @lru_cache(maxsize=None)

@@ -9,7 +9,7 @@ from refusals import refused
 
 from ballbot_ros.cli import main, simulate
 from ballbot_ros.cli.options import read_law
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.files import shipped_folder
 from ballbot_ros.errors import ConfigurationError, PlausibilityWarning
 from ballbot_ros.physics import load_robot, load_scene
 from ballbot_ros.physics.model.robot import implausible
@@ -70,7 +70,7 @@ def test_a_robot_that_contradicts_physics_causes_warnings_in_every_verb(
                   'cli.listing.print_table', 'paper.procedure.run_tests', 'view.page.Page'):
         monkeypatch.setattr(f'ballbot_ros.{place}', work)
     monkeypatch.chdir(tmp_path)
-    text = (config_folder() / 'robots' / 'shellball.yaml').read_text(encoding='utf-8')
+    text = (shipped_folder('config') / 'robots' / 'shellball.yaml').read_text(encoding='utf-8')
     file = 'heavy.yaml'
     (tmp_path / file).write_text(re.sub('ball_mass: {value: 1.1', 'ball_mass: {value: 1100', text))
     if words[0] in ('simulate', 'view'):

@@ -10,7 +10,7 @@ from refusals import refused
 from waiting import wait_until
 import yaml
 
-from ballbot_ros.config.files import config_folder
+from ballbot_ros.config.files import read_yaml, shipped_folder
 from ballbot_ros.emulator.imu_line import ImuLine
 from ballbot_ros.errors import LinkError
 from ballbot_ros.imus.source import ImuPort, StampedReading
@@ -136,7 +136,7 @@ def test_impossible_settings_are_refused_at_the_start(make_node, parameters, rea
 def test_the_bridge_reads_a_sensor_itself_if_its_hardware_file_has_the_port(
         make_node, sensor, tmp_path):
     sensor.device.turn_rate = (0.0, 0.25, 0.0)
-    content = yaml.safe_load((config_folder() / 'hardware' / 'gimball_odrive.yaml').read_text())
+    content = read_yaml(shipped_folder('config') / 'hardware/gimball_odrive.yaml')
     content['imu_port'] = {'port': sensor.path, 'axes': '-x -y z'}
     (tmp_path / 'hardware.yaml').write_text(yaml.safe_dump(content))
     node = make_node(Bridge, hardware=str(tmp_path / 'hardware.yaml'), autostart=False,
