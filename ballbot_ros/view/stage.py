@@ -114,8 +114,10 @@ def tiles(line: Array, half_width: float, size: float) -> Mesh:
     for number in range(math.floor(line[0, 0] / size), math.ceil(line[-1, 0] / size)):
         left, right = max(line[0, 0], number * size), min(line[-1, 0], (number + 1) * size)
         inside = line[(line[:, 0] > left) & (line[:, 0] < right)]
-        ends = [[x, np.interp(x, line[:, 0], line[:, 1])] for x in (left, right)]
-        part = np.vstack([ends[:1], inside, ends[1:]]) + [0.0, 5e-4]
+        # np.interp returns the height beyond a face: seen from the other side, the one before it.
+        begin = left, np.interp(left, line[:, 0], line[:, 1])
+        end = right, np.interp(-right, -line[::-1, 0], line[::-1, 1])
+        part = np.vstack([begin, inside, end]) + [0.0, 5e-4]
         parts.append(ribbon(part, *((-half_width, 0.0) if number % 2 else (0.0, half_width))))
     return concatenate(parts)
 

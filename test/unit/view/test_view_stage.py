@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip('viser', reason='viser is not installed')
 
-from ballbot_ros.view.stage import camera_of, CAMERAS, FIELD_OF_VIEW  # noqa: I100, I202
+from ballbot_ros.view.stage import camera_of, CAMERAS, FIELD_OF_VIEW, tiles  # noqa: I100, I202
 
 RADIUS = 0.226
 
@@ -32,3 +32,11 @@ def test_the_ball_is_completely_visible_between_or_above_the_panels(name, aspect
         right, up = seen(name, aspect, (
             RADIUS * math.cos(angle), 0.0, RADIUS * (1.0 + math.sin(angle))))
         assert abs(right) < width and bottom < up < 1.0
+
+
+@pytest.mark.parametrize('face', [0.25, 0.5, 0.6])
+def test_no_tile_slopes_beside_a_face(face):
+    line = np.array([[0.0, 0.0], [face, 0.0], [face, 0.1], [1.0, 0.1]])
+    sides = tiles(line, 0.5, 0.25).triangles
+    level, rise = np.ptp(sides[..., 2], axis=1), np.ptp(sides[..., 0], axis=1)
+    assert (np.minimum(level, rise) < 1e-12).all()
