@@ -11,12 +11,11 @@ import sys
 import numpy as np
 
 from ballbot_ros.decision import (
-    Decision, Kind, Knowledge, Motion, Pilot, Plan, Reason, Strategy)
+    Decision, Kind, Knowledge, Motion, nominal_knowledge, Pilot, Plan, Reason, Strategy)
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.studies.evaluation.approaches import draw_robot
 from ballbot_ros.studies.evaluation.closed_loop import balanced_angle, ClosedLoop, PERIOD
-from ballbot_ros.studies.evaluation.run import nominal_knowledge
 
 SLOPE_MAX = math.radians(3.0)  # [rad]
 SPEEDS = (0.05, 1.1)          # before the stop [m/s]

@@ -27,7 +27,8 @@ from ballbot_ros.decision.execution.pilot import Pilot
 from ballbot_ros.decision.perception import Observation, ProfileTracker
 from ballbot_ros.decision.planning.curve import HeightCurve, load_curve
 from ballbot_ros.decision.planning.planners import PLANNERS
-from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
+from ballbot_ros.decision.planning.situation import (
+    Knowledge, nominal_knowledge, Planner, Situation)
 from ballbot_ros.decision.tuning import check_decision, DecisionTuning, load_decision_tuning
 from ballbot_ros.decision.values import (
     After, Decision, Face, Failure, Kind, Motion, Outlook, Plan, Profile, Reason, StepObservation,
@@ -37,6 +38,6 @@ __all__ = [
     'After', 'Answer', 'check_decision', 'CrossGoal', 'Decider', 'Decision',
     'DecisionTuning', 'DriveGoal', 'Ending', 'Face', 'Failure', 'GoalEnd', 'Goals',
     'HeightCurve', 'Kind', 'Knowledge', 'load_curve', 'load_decision_tuning', 'Motion',
-    'Observation', 'Outlook', 'Phase', 'Pilot', 'Plan', 'Planner',
+    'nominal_knowledge', 'Observation', 'Outlook', 'Phase', 'Pilot', 'Plan', 'Planner',
     'PLANNERS', 'Profile', 'ProfileTracker', 'Reason', 'Situation',
     'StepObservation', 'Strategy', 'TerrainObservation']

@@ -12,7 +12,7 @@ from typing import Callable, Mapping, Sequence
 
 from ballbot_ros.bridge.session import warm_up as warm_up_bridge
 from ballbot_ros.control import checked_controller, load_tuning
-from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
+from ballbot_ros.decision import nominal_knowledge
 from ballbot_ros.decision.decider import warm_up as warm_up_decision
 from ballbot_ros.floors import load_floor
 from ballbot_ros.navigation import RoutePlanner
@@ -21,18 +21,13 @@ from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.plant import Plant
 
 
-def _knowledge() -> Knowledge:
-    return Knowledge(load_robot('gimball'), load_curve('gimball_down'),
-                     load_decision_tuning('decision_default'), load_tuning('published'))
-
-
 NODES: Mapping[str, Callable[[], object]] = {
     'simulator': lambda: Plant(load_scene('doorstep'), 500.0),
     'controller': lambda: checked_controller(
         load_robot('gimball'), load_tuning('published'), 500.0, 0),
     'bridge': lambda: warm_up_bridge(load_robot('gimball')),
-    'decision': lambda: warm_up_decision(_knowledge(), 'rollout'),
-    'navigator': lambda: RoutePlanner(load_floor('apartment'), _knowledge()).warm_up()}
+    'decision': lambda: warm_up_decision(nominal_knowledge(), 'rollout'),
+    'navigator': lambda: RoutePlanner(load_floor('apartment'), nominal_knowledge()).warm_up()}
 
 
 def prepare(nodes: Sequence[str]) -> None:

@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inputs of a planner: constant ones, and those of each decision."""
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 import math
 from typing import List, Optional, Protocol, Tuple
 
 from ballbot_ros.control import ControlTuning, load_tuning
 from ballbot_ros.decision.learning.particles import Particles
-from ballbot_ros.decision.planning.curve import HeightCurve
-from ballbot_ros.decision.tuning import DecisionTuning
+from ballbot_ros.decision.planning.curve import HeightCurve, load_curve
+from ballbot_ros.decision.tuning import check_decision, DecisionTuning, load_decision_tuning
 from ballbot_ros.decision.values import (
     Decision, Face, Failure, Motion, Obstruction, Profile, UNSEEN)
-from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.robot import load_robot, Robot
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,21 @@ class Knowledge:
     def initial_particles(self) -> Particles:
         """Return the given particles, or draw the prior of the robot file."""
         return self.particles or Particles.of(self.robot, self.tuning.height_bias_sd)
+
+
+@lru_cache(maxsize=4)
+def nominal_knowledge(required_probability: Optional[float] = None) -> Knowledge:
+    """
+    Return the assumptions of the decision: the nominal robot, curve and tunings.
+
+    The required probability, if given, replaces that of the decision tuning.
+    """
+    tuning = load_decision_tuning('decision_default')
+    if required_probability is not None:
+        tuning = replace(tuning, required_probability=required_probability)
+    known = Knowledge(load_robot('gimball'), load_curve('gimball_down'), tuning)
+    check_decision(known.robot, known.curve, known.tuning)
+    return known
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
 
 from ballbot_ros.crossing.rules import touch_distance
-from ballbot_ros.decision import Knowledge
+from ballbot_ros.decision import Knowledge, nominal_knowledge
 from ballbot_ros.results.digests import digest
 from ballbot_ros.studies.evaluation.approaches import Approach, crossable_approach, draw_approach
-from ballbot_ros.studies.evaluation.run import heading, nominal_knowledge, run_approach
+from ballbot_ros.studies.evaluation.run import heading, run_approach
 from ballbot_ros.studies.evaluation.search import (
     best_start, height_limit, Manoeuvre, MANOEUVRES, possible)
 from ballbot_ros.studies.evaluation.terrains import true_faces

@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """One approach in closed loop, with the decision as the node ``obstacle_decision`` uses it."""
 from dataclasses import replace
-from functools import lru_cache
 import math
 from time import thread_time
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from ballbot_ros.decision import (
-    check_decision, Decider, Decision, Kind, Knowledge, load_curve, load_decision_tuning, Motion)
+    Decider, Decision, Kind, Knowledge, Motion)
 from ballbot_ros.decision.values import REST_SPEED_MAX
 from ballbot_ros.errors import SimulationError
-from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.studies.evaluation.approaches import Approach
 from ballbot_ros.studies.evaluation.baselines import BASELINES
@@ -28,21 +26,6 @@ ARRIVED = 0.05  # largest distance from the start of the run-up after arrival th
 
 # Called with time, state, decision, set angle and decider.
 Listener = Callable[[float, State, Decision, float, Decider], None]
-
-
-@lru_cache(maxsize=4)
-def nominal_knowledge(required_probability: Optional[float] = None) -> Knowledge:
-    """
-    Return the assumptions of the decision: the nominal robot, curve and tunings.
-
-    The required probability, if given, replaces that of the decision tuning.
-    """
-    tuning = load_decision_tuning('decision_default')
-    if required_probability is not None:
-        tuning = replace(tuning, required_probability=required_probability)
-    known = Knowledge(load_robot('gimball'), load_curve('gimball_down'), tuning)
-    check_decision(known.robot, known.curve, known.tuning)
-    return known
 
 
 class DecisionChanges:

@@ -15,12 +15,12 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
+from ballbot_ros.decision import nominal_knowledge
 from ballbot_ros.errors import RefusedError, SimulationError
 from ballbot_ros.floors.floor import inside
 from ballbot_ros.navigation import Capability, CrossingPlan, RoutePlanner
 from ballbot_ros.navigation.execution import Navigator
 from ballbot_ros.results.digests import digest
-from ballbot_ros.studies.evaluation.run import nominal_knowledge
 from ballbot_ros.studies.navigation.closed_loop import FloorLoop
 from ballbot_ros.studies.navigation.houses import draw_house, House
 from ballbot_ros.studies.parallel_map import checkpointed_rows, source_digest

@@ -5,8 +5,9 @@ import math
 import pytest
 from tiers import pairs, slow
 
+from ballbot_ros.decision import nominal_knowledge
 from ballbot_ros.studies.evaluation.approaches import Approach, draw_approach
-from ballbot_ros.studies.evaluation.run import nominal_knowledge, run_approach
+from ballbot_ros.studies.evaluation.run import run_approach
 from ballbot_ros.studies.evaluation.sensors import SensorModel
 from ballbot_ros.studies.evaluation.terrains import lay, Shape
 

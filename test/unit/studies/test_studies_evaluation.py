@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from ballbot_ros.decision import Decision, Kind, Reason
+from ballbot_ros.decision import Decision, Kind, nominal_knowledge, Reason
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.plant import SensorFaults
 from ballbot_ros.studies.evaluation.approaches import draw_approach, UNSEEN_ROOM
 from ballbot_ros.studies.evaluation.closed_loop import ClosedLoop
 from ballbot_ros.studies.evaluation.evaluation import Evaluation, FOLDER, run_evaluation
 from ballbot_ros.studies.evaluation.outcome import OutcomeMonitor
-from ballbot_ros.studies.evaluation.run import nominal_knowledge, run_with_log
+from ballbot_ros.studies.evaluation.run import run_with_log
 from ballbot_ros.studies.evaluation.sensors import Camera, SensorModel, SimulatedSensor
 from ballbot_ros.studies.evaluation.terrains import Ground, KINDS, true_faces
 

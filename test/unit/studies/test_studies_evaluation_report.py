@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from ballbot_ros.decision import nominal_knowledge
 from ballbot_ros.figures import evaluation as figures
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.physics.model.terrain import Terrain
@@ -18,7 +19,6 @@ from ballbot_ros.studies.evaluation.evaluation import Evaluation, run_evaluation
 from ballbot_ros.studies.evaluation.page import page, summary
 from ballbot_ros.studies.evaluation.report import (
     interval, margin_correlation, report, success, targets)
-from ballbot_ros.studies.evaluation.run import nominal_knowledge
 from ballbot_ros.studies.evaluation.search import (
     gets_over, height_limit, limit_at, limits_of_most, Manoeuvre)
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from ballbot_ros.studies.evaluation.run import nominal_knowledge
+from ballbot_ros.decision import nominal_knowledge
 from ballbot_ros.studies.navigation import evaluation
 from ballbot_ros.studies.navigation.evaluation import (
     drive, NavigationEvaluation, report, run_evaluation)
