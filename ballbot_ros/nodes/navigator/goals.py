@@ -65,6 +65,8 @@ class NavigationServers:
         node = self._node
         if not node.active:
             raise RefusedError('navigator is not active', 'inactive', 'navigator')
+        if node.refusal is not None:
+            raise RefusedError(str(node.refusal), node.refusal.reason, 'odom')
         if node.percept is None:
             raise RefusedError(
                 'no pose on the map: odom, or the transform from the map to it, is missing',

@@ -30,6 +30,7 @@ class Localization:
 
     def __init__(self, node: Node, settings: NavigatorSettings):
         self._map, self._odom = settings.map_frame, settings.odom_frame
+        self._log = node.get_logger()
         self._offset: Optional[Pose] = None if settings.localized else (0.0, 0.0, 0.0)
         self._scan: Optional[LaserScan] = None
         create_subscription(node, 'scan', self._on_scan)
@@ -59,10 +60,19 @@ class Localization:
         return (left + math.cos(turn) * x - math.sin(turn) * y,
                 up + math.sin(turn) * x + math.cos(turn) * y, heading + turn)
 
-    def points(self, pose: Pose, since: float) -> Optional[Tuple[Point, ...]]:
-        """Return the points of a new scan on the map [m]; None without one since a time [s]."""
+    def points(self, pose: Pose, base: str, since: float) -> Optional[Tuple[Point, ...]]:
+        """
+        Return the points of a new scan on the map [m]; None without one since a time [s].
+
+        The pose is that of the frame `base`; a scan in another frame is refused.
+        """
         scan, self._scan = self._scan, None
         if scan is None or to_seconds(scan.header.stamp) < since:
+            return None
+        if scan.header.frame_id != base:
+            self._log.warning(
+                f'scan refused: it must be in the frame {base!r}, the child_frame_id of odom, '
+                f'got {scan.header.frame_id!r}', throttle_duration_sec=1.0)
             return None
         x, y, heading = pose
         step = max(1, len(scan.ranges) // MOST_POINTS)

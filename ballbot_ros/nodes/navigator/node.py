@@ -35,6 +35,7 @@ from ballbot_ros.ros.frames import FRAMES
 from ballbot_ros.ros.lifecycle import FAILURE, ManagedNode, SUCCESS
 from ballbot_ros.ros.parameters import declare
 from ballbot_ros.ros.run import run
+from ballbot_ros.ros.single_publisher import SinglePublisher
 
 PERIOD = 0.02  # shortest time between two commands [s]
 LATEST_SCAN = 0.5  # maximum age of a scan [s]
@@ -67,6 +68,8 @@ class NavigatorNode(ManagedNode):
         self.percept: Optional[Percept] = None
         self._active = False
         self._problem = ''  # why configure failed
+        self._odom = SinglePublisher(self, 'odom')
+        self.refusal: Optional[MessageError] = None  # why the last odometry was not used
         self._observations: List[TerrainObservation] = []
         self._faces: Optional[Tuple[Tuple[float, float], ...]] = None
         self._traveled = 0.0
@@ -173,8 +176,24 @@ class NavigatorNode(ManagedNode):
             self.get_logger().warning(
                 f'terrain_observation refused: {error}', throttle_duration_sec=1.0)
 
+    def _check_odometry(self, message: Odometry) -> None:
+        """Raise `MessageError` if odometry has several publishers, or another frame."""
+        self._odom.name()
+        if message.header.frame_id != self._settings.odom_frame:
+            raise MessageError(
+                f'odom must be in the frame {self._settings.odom_frame!r}, got '
+                f'{message.header.frame_id!r}; set odom_frame, or correct the publisher',
+                'wrong_frame', 'header.frame_id')
+
     def _on_odometry(self, message: Odometry) -> None:
-        last = self._last
+        try:
+            self._check_odometry(message)
+        except MessageError as error:
+            self.refusal = error
+            self.get_logger().warning(f'odom refused: {error}', throttle_duration_sec=1.0)
+            self.abort(error.reason, str(error))
+            return
+        self.refusal, last = None, self._last
         if last is not None and exact(message) < exact(last):
             self.abort('time_jump', 'time went back')
             self._observations.clear()
@@ -197,7 +216,8 @@ class NavigatorNode(ManagedNode):
         if pose is None:
             return
         self.percept = Percept(now, *pose, message.twist.twist.linear.x,
-                               self.localization.points(pose, now - LATEST_SCAN), self._faces)
+                               self.localization.points(
+                                   pose, message.child_frame_id, now - LATEST_SCAN), self._faces)
         self._faces = None
         if self.active:
             self._drive(self.percept, message)
@@ -261,6 +281,8 @@ class NavigatorNode(ManagedNode):
                   **diagnostics.refusals('goals', self.servers.refused)}
         if not self.active:
             return diagnostics.WARN, ': '.join(filter(None, ('inactive', self._problem))), values
+        if self.refusal is not None:
+            return diagnostics.WARN, str(self.refusal), values
         if self.percept is None:
             return diagnostics.WARN, 'waiting for odom' if self._last is None else (
                 f'waiting for the transform from {self._settings.map_frame} to '

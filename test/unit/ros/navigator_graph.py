@@ -44,6 +44,7 @@ class Graph:
         self.plans, self.feedback = [], []
         self.speed, self.yaw_rate, self.time = 0.0, 0.0, 1.0
         self.pose = list(START)
+        self.frames = {'odom': 'odom', 'scan': 'base_link'}
         self.turn = None  # orientation in odom in place of the heading
         self.client.create_subscription(TwistStamped, 'cmd_vel', self.on_speed, 10)
         self.client.create_subscription(Path, 'plan', self.plans.append, qos.LATCHED)
@@ -60,7 +61,8 @@ class Graph:
                          y + 0.02 * self.speed * math.sin(heading),
                          heading + 0.02 * self.yaw_rate]
             self.time += 0.02
-            message = Odometry()
+            message = Odometry(child_frame_id='base_link')
+            message.header.frame_id = self.frames['odom']
             message.header.stamp = to_time(self.time)
             message.pose.pose = stamped_pose('odom', to_time(0.0), *self.pose).pose
             if self.turn is not None:
@@ -82,6 +84,7 @@ class Graph:
     def scan(self, age, *ranges):
         """Publish a scan straight ahead."""
         message = LaserScan(ranges=ranges, range_max=8.0, angle_increment=0.01)
+        message.header.frame_id = self.frames['scan']
         message.header.stamp = to_time(self.time - age)
         self.scans.publish(message)
 

@@ -4,8 +4,10 @@ import math
 import time
 
 from geometry_msgs.msg import Quaternion
+from nav_msgs.msg import Odometry
 from navigator_graph import Graph, START
 import pytest
+import rclpy
 from rclpy.parameter import Parameter
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
@@ -152,14 +154,43 @@ def test_a_curve_of_another_robot_ends_the_node(context):
     assert (caught.value.reason, caught.value.field) == ('inconsistent', 'curve')
 
 
-@pytest.mark.parametrize('age, seen', [(0.0, True), (2.0, False)], ids=['new', 'stale'])
-def test_an_obstacle_counts_in_a_new_scan_and_not_in_a_stale_one(graph, age, seen):
+@pytest.mark.parametrize('age, frame, seen', [
+    (0.0, 'base_link', True), (2.0, 'base_link', False), (0.0, 'laser', False)],
+    ids=['new', 'stale', 'wrong frame'])
+def test_an_obstacle_counts_in_a_new_scan_of_the_right_frame_only(
+        graph, capfd, age, frame, seen):
+    graph.frames['scan'] = frame
+
     def decided():
         graph.scan(age, 0.7, math.nan, math.inf, -1.0)
         return graph.node.state.learned.obstacles or graph.node.state.status.ended
     graph.send(2.7, 1.4)
     assert graph.spin(60.0, decided)
     assert bool(graph.node.state.learned.obstacles) == seen
+    refused = "must be in the frame 'base_link', the child_frame_id of odom, got 'laser'"
+    assert (refused in capfd.readouterr().err) == (frame == 'laser')
+
+
+@pytest.mark.parametrize('refused', ['wrong_frame', 'several_publishers'])
+def test_refused_odometry_ends_the_goal_at_rest_until_it_is_correct(graph, refused):
+    handle = graph.send(2.7, 1.4)
+    assert graph.spin(20.0, lambda: abs(graph.speed) > 0.1)
+    if refused == 'wrong_frame':
+        graph.frames['odom'] = 'map'
+    else:
+        other = rclpy.create_node('other_robot', context=graph.client.context)
+        other.create_publisher(Odometry, 'odom', 10)
+    try:
+        assert graph.fails(handle) == refused
+        reason = graph.node._health()[1]
+        assert ("'odom', got 'map'" if refused == 'wrong_frame' else '/other_robot') in reason
+        assert not graph.send(2.7, 1.4).accepted
+    finally:
+        graph.frames['odom'] = 'odom'
+        if refused != 'wrong_frame':
+            other.destroy_node()
+    assert graph.spin(20.0, lambda: graph.node.refusal is None)
+    assert graph.send(2.7, 1.4).accepted
 
 
 def test_odometry_that_is_not_finite_ends_the_goal_at_rest(graph):
