@@ -41,7 +41,7 @@ class Vesc(Driver):
         self._tag = 0
         self._replies: dict[int, bytes] = {}  # message -> its last reply, except values
         self._turn_offset: Optional[float] = None  # tachometer minus encoder, at the first reply
-        self._version: Optional[settings.Version] = None
+        self._version: settings.Version = (0, 0)
         self._limits: Mapping[str, float] = settings.UNKNOWN_LIMITS
         self._read_back, self._read_back_at = codec.GET_MCCONF, -math.inf
         self._status, self._status_requested_at = 0, -math.inf
@@ -61,15 +61,13 @@ class Vesc(Driver):
                 f'VESC firmware must be 5.03 to 7.xx, got {version[0]}.{version[1]:02}: {reason}; '
                 'update it with VESC Tool, Firmware', 'firmware', 'firmware')
         self._refuse_late(deadline)
-        self._version = version
+        self._version, self._identified = version, True
         return Identity(self.protocol, firmware.hardware, f'{version[0]}.{version[1]:02}'
                         + (f' test {test}' if test else ''), firmware.serial_number)
 
     def read_settings(self, timeout: float = 0.5) -> tuple[Setting, ...]:
         deadline = self.clock() + timeout
-        if self._version is None:
-            self.identify(timeout)
-        assert self._version is not None
+        self._require_identity(deadline)
         application = settings.parse_application(
             self._ask(codec.GET_APPCONF, deadline), self._version) or settings.UNKNOWN
         self._limits = settings.parse_limits(
@@ -176,7 +174,7 @@ class Vesc(Driver):
             self.counts['unexpected'] += 1
 
     def _check_settings(self, payload: bytes) -> None:
-        if self._version is None:
+        if not self._identified:
             return
         application = settings.parse_application(payload, self._version)
         found = application._asdict() if application is not None \
