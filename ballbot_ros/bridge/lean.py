@@ -22,12 +22,8 @@ class LeanEstimate(NamedTuple):
     """Lateral state from encoder and observer; an `AxisEstimate`."""
 
     stamp: float  # of the measurement [s]
-    state: LateralState
+    readings: LateralState
     speed: float  # of the ball [m/s]
-
-    @property
-    def readings(self) -> 'LeanEstimate':
-        return self
 
 
 class LateralAxis(AxisSensing[LeanEstimate]):
@@ -94,12 +90,12 @@ class LateralAxis(AxisSensing[LeanEstimate]):
             return None
         return PendulumMotion(self.state.lean, self.state.lean_rate, self.state.lean_rate)
 
-    def torque(self, readings: LeanEstimate, in_force: float, e_stop: bool) -> float:
-        """Return the torque for an estimate, 0 without a set-point [N m]."""
+    def torque(self, readings: LateralState, in_force: float, e_stop: bool) -> float:
+        """Return the torque for a new lateral state, 0 without a set-point [N m]."""
         yaw_rate = self._yaw_rate()
         if e_stop or yaw_rate is None:
             self.forget()
             return 0.0
-        state, speed = readings.state, readings.speed
+        speed = self._speed() or 0.0
         return servo_torque(
-            self._robot, state, speed, law(self._robot, state, speed, yaw_rate))
+            self._robot, readings, speed, law(self._robot, readings, speed, yaw_rate))

@@ -49,7 +49,7 @@ def test_the_lean_observer_stays_within_the_range_of_its_model(seed):
         now, rate = now + pause, min(max(rate + choose.gauss(0.0, 3.0), -20.0), 20.0)
         lean, speed = lean + rate * pause, min(max(speed + choose.gauss(0.0, 0.1), -3.0), 3.0)
         found = sensing.take(Telemetry(now, now, gear * lean, gear * rate))
-        assert found is None or max(map(abs, found.readings.state[2:5])) < 60.0
+        assert found is None or max(map(abs, found.readings[2:5])) < 60.0
 
 
 @pytest.fixture
