@@ -21,7 +21,7 @@ from ballbot_ros.figures.frames import ROW
 from ballbot_ros.figures.panels import plottable
 from ballbot_ros.physics.mechanics.contact import (
     contact_force, contact_table, EDGE, find_contacts, KIND, NORMAL_X, NORMAL_Y)
-from ballbot_ros.physics.model.state import SIZE, X, Y
+from ballbot_ros.physics.model.state import force_components, SIZE, X, Y
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.results.files import PathLike, replacing
@@ -98,8 +98,9 @@ def _mean(run: Trajectory, samples: NDArray[np.int64],
             weight = max(normal, 1e-9)
             known[1] += weight * normal_x
             known[2] += weight * normal_y
-            known[3] += normal * normal_x + friction * normal_y
-            known[4] += normal * normal_y - friction * normal_x
+            along, up = force_components(normal, friction, normal_x, normal_y)
+            known[3] += along
+            known[4] += up
     x, y, radius = run['x'][samples[-1]], run['y'][samples[-1]], model.parameters.radius
     forces = []
     for _, along_x, along_y, force_x, force_y in found:

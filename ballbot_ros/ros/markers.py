@@ -13,7 +13,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ballbot_ros.decision import Decision, Kind
 from ballbot_ros.floors.profile import WALL_HEIGHT
-from ballbot_ros.physics.model.state import State
+from ballbot_ros.physics.model.state import force_components, State
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.model import Model
 from ballbot_ros.plant import FloorPlant
@@ -90,8 +90,8 @@ def _contact_markers(state: State, model: Model, frame: str,
                 pose[1] + (x - state.x) * math.sin(pose[2]), z)
     points, arrows = [], []
     for touch in model.touches(state):
-        along = touch.normal_force * touch.normal_x + touch.friction_force * touch.normal_y
-        up = touch.normal_force * touch.normal_y - touch.friction_force * touch.normal_x
+        along, up = force_components(
+            touch.normal_force, touch.friction_force, touch.normal_x, touch.normal_y)
         points.append(place(touch.x, touch.y))
         arrows += [points[-1], place(touch.x + part * along, touch.y + part * up)]
     return [

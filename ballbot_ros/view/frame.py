@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Optional, Tuple
 
+from ballbot_ros.physics.model.state import force_components
+
 
 class ContactForce(NamedTuple):
     """A ground contact force, in the plane of the model."""
@@ -16,10 +18,9 @@ class ContactForce(NamedTuple):
     @classmethod
     def of(cls, contact: Any) -> 'ContactForce':
         """Return the force of a `Touch` of the model, or of a message Contact."""
-        normal, friction = contact.normal_force, contact.friction_force
-        return cls(contact.x, contact.y,
-                   normal * contact.normal_x + friction * contact.normal_y,
-                   normal * contact.normal_y - friction * contact.normal_x, contact.penetration)
+        return cls(contact.x, contact.y, *force_components(
+            contact.normal_force, contact.friction_force, contact.normal_x, contact.normal_y),
+            contact.penetration)
 
 
 class EnergyShares(NamedTuple):

@@ -65,6 +65,16 @@ class Touch(NamedTuple):
     slip_velocity: float  # [m/s]
 
 
+def force_components(normal: float, friction: float, normal_x: float,
+                     normal_y: float) -> tuple[float, float]:
+    """
+    Return the components x and y of a contact force [N].
+
+    Normal force and friction are in N, as in `Touch`; the normal is a unit vector.
+    """
+    return normal * normal_x + friction * normal_y, normal * normal_y - friction * normal_x
+
+
 class Energies(NamedTuple):
     """The energy of a state [J]."""
 
