@@ -59,11 +59,8 @@ def record(observer: Observer, folder: Path, topics: List[str], duration: float,
     Record topics (all if none are named) as they appear, for a time [s] or until Ctrl-C.
 
     Returns the number of messages by topic; `say` receives a sentence for each recorded topic and
-    for each that cannot be recorded.  Raises `ConfigurationError` if the folder exists.
+    for each that cannot be recorded.  An older bag in the folder is replaced.
     """
-    if folder.exists():  # a bag would replace it
-        raise ConfigurationError(
-            f'{folder} exists already; name another folder with -o, or remove it', 'exists', '-o')
     metadata = source_metadata(observer)
     node, counts, known = observer.node, Counter[str](), set()
     wanted = {observer.resolve(topic) for topic in topics}

@@ -113,6 +113,9 @@ def record(arguments: argparse.Namespace) -> int:
         raise ConfigurationError('name the topics to record, or give -a for all', 'missing',
                                  'TOPIC')
     folder = arguments.output or Path(time.strftime('bag_%Y_%m_%d-%H_%M_%S'))
+    if folder.exists():  # the bag would replace it
+        raise ConfigurationError(
+            f'{folder} exists already; name another folder with -o, or remove it', 'exists', '-o')
     recorder = from_ros('ballbot_ros.bags.record')
     from ballbot_ros.results.files import check_writable
     check_writable(folder.parent / f'{folder.name}.mcap')

@@ -90,6 +90,14 @@ def test_an_existing_file_is_refused_unless_overwritten(tmp_path):
     check_new_file(tmp_path / 'old', True)
 
 
+def test_a_recording_refuses_an_existing_folder_before_it_joins_the_graph(
+        tmp_path, monkeypatch, refuses):
+    def join(*_):
+        pytest.fail('the command joined the graph before the refusal')
+    monkeypatch.setattr('ballbot_ros.cli.graph.from_ros', join)
+    refuses('exists', '-o', 'record', '-a', '-o', str(tmp_path))
+
+
 @pytest.mark.parametrize('verb', [
     'simulate', 'demo', 'figures', 'test-bench', 'identify', 'fit-curve', 'sweep', 'replay',
     'emulate-motor', 'outcomes'])
