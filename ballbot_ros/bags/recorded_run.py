@@ -23,6 +23,9 @@ LATERAL_STATE = {
     'position_x': 'm', 'position_y': 'm', 'heading': 'rad', 'yaw_rate': 'rad/s',
     'lean': 'rad', 'lean_rate': 'rad/s', 'tilt': 'rad', 'tilt_rate': 'rad/s'}
 
+# Topics with the state of a robot, and the types of their messages.
+STATE_TYPES = {'joint_states': 'JointState', 'ball_state': 'BallState'}
+
 # Names of angle and rate of each joint.
 JOINT_VALUES = {
     'shell': ('ball_angle', 'ball_rate'), 'pendulum': ('joint_angle', 'joint_rate'),
@@ -61,7 +64,7 @@ def read_run(path: Path, namespace: Optional[str] = None) -> RecordedRun:
     robots and no `namespace` is given.
     """
     with open_bag(path) as bag:
-        where = _namespace(path, bag, namespace)
+        where = robot_namespace(path, bag, namespace)
         run = RecordedRun(metadata=bag.metadata)
         handlers = {f'{where}/{name}': found for name, found in _handlers(run).items()}
         wanted = [topic for topic, kind in bag.topics.items()
@@ -74,14 +77,35 @@ def read_run(path: Path, namespace: Optional[str] = None) -> RecordedRun:
     return run
 
 
-def _namespace(path: Path, bag: Bag, namespace: Optional[str]) -> str:
-    """Return the namespace of the robot to read, without a slash at its end."""
-    found = sorted(topic.removesuffix('/joint_states') for topic, kind in bag.topics.items()
-                   if topic.endswith('/joint_states') and kind.endswith('/JointState'))
+def robot_namespace(path: Path, bag: Bag, namespace: Optional[str] = None,
+                    states: Sequence[str] = ('joint_states',)) -> str:
+    """
+    Return the namespace of the robot to read, without a slash at its end.
+
+    Parameters
+    ----------
+    path : Path
+        Of the bag, for error messages.
+    bag : Bag
+    namespace : str, optional
+        Selects one of several robots.
+    states : sequence of str
+        Keys of `STATE_TYPES`; a robot publishes at least one of these topics.
+
+    Raises
+    ------
+    ConfigurationError
+        With reason ``wrong_kind`` if the bag has no robot, ``ambiguous`` for several robots
+        without a namespace, ``unknown_name`` for a namespace without a robot.
+
+    """
+    found = sorted({topic.rpartition('/')[0] for topic, kind in bag.topics.items() if any(
+        topic.endswith(f'/{name}') and kind.endswith(f'/{STATE_TYPES[name]}')
+        for name in states)})
     if not found:
         raise ConfigurationError(
-            f'{path}: has no joint_states, so it is not a recording of a ball robot; it has '
-            + (', '.join(sorted(bag.topics)) or 'nothing'), 'wrong_kind', 'joint_states')
+            f'{path}: has no {" or ".join(states)}, so it is not a recording of a ball robot; it '
+            'has ' + (', '.join(sorted(bag.topics)) or 'nothing'), 'wrong_kind', states[0])
     names = [name or '/' for name in found]
     if namespace is None:
         if len(found) > 1:
@@ -143,11 +167,12 @@ def _handlers(run: RecordedRun) -> Dict[
                                        float(twist.angular.z)))
 
     return {
-        'joint_states': ('JointState', lambda message: state(
+        'joint_states': (STATE_TYPES['joint_states'], lambda message: state(
             run.joints, stamp_of(message), joint_values(message))),
-        'ball_state': ('BallState', lambda message: state(run.balls, stamp_of(message), {
-            name: float(getattr(message, name)) for name in (*BALL_STATE, *LATERAL_STATE)
-            if hasattr(message, name)})),
+        'ball_state': (STATE_TYPES['ball_state'], lambda message: state(
+            run.balls, stamp_of(message), {
+                name: float(getattr(message, name)) for name in (*BALL_STATE, *LATERAL_STATE)
+                if hasattr(message, name)})),
         'odom': ('Odometry', lambda message: run.odometry.setdefault(stamp_of(message), {
             'x': float(message.pose.pose.position.x),
             'velocity_x': float(message.twist.twist.linear.x)})),

@@ -5,10 +5,11 @@ from pathlib import Path
 from threading import Lock
 from time import monotonic
 from types import MappingProxyType
-from typing import Callable, List, Mapping, Optional, Tuple
+from typing import Callable, Mapping, Optional
 
 from ballbot_ros.bags.metadata import BagMetadata
 from ballbot_ros.bags.opener import custom_data, open_bag
+from ballbot_ros.bags.recorded_run import robot_namespace, STATE_TYPES
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.view.assembly import MessageSource, TOPICS
 from ballbot_ros.view.frame import Frame
@@ -16,7 +17,6 @@ from ballbot_ros.view.source import Control, FRAMES_MAX, Health
 
 FRAME_RATE = 100.0  # frames per second, at most: bags have up to 500 states per second
 PLAYBACK_RATE_MIN, PLAYBACK_RATE_MAX = 0.05, 20.0  # seconds played per second
-STATE_TOPICS = ('ball_state', 'joint_states')  # topics with the state of the robot
 
 
 class Playback:
@@ -83,14 +83,17 @@ class BagSource(MessageSource):
 
     A thread reads the bag; the part already read can be shown.  The robot defaults to that of the
     bag; `namespace` selects one of several.  Raises `ConfigurationError` for a bag that cannot be
-    read or has no robot, and for a bag of several robots without a namespace.
+    read, and as `robot_namespace` does.
     """
 
     def __init__(self, path: Path, namespace: str = '', robot: str = '', paused: bool = False):
         # The demo creates a folder with a bag for each scene.
         self._path = path / 'bag' if (path / 'bag' / 'metadata.yaml').is_file() else path
         with open_bag(self._path) as bag:
-            self._topics = robot_topics(path, list(bag.topics), namespace)
+            where = robot_namespace(path, bag, namespace or None, tuple(STATE_TYPES))
+            true_state = f'{where}/ball_state' in bag.topics
+            self._topics = [f'{where}/{name}' for name in TOPICS
+                            if not (name == 'joint_states' and true_state)]
             texts = bag.metadata
         if self._path.is_file():
             try:
@@ -175,23 +178,3 @@ class BagSource(MessageSource):
         except ConfigurationError as error:
             self._failure = str(error)
         self._reading = False
-
-
-def robot_topics(path: Path, topics: List[str], namespace: str) -> Tuple[str, ...]:
-    """Return the topics of the robot in a bag that create frames; refuse several robots."""
-    prefixes = sorted({topic.rsplit('/', 1)[0] for topic in topics
-                       if topic.rsplit('/', 1)[-1] in STATE_TOPICS})
-    wanted = '/' + namespace.strip('/') if namespace.strip('/') else ''
-    if namespace:
-        prefixes = [prefix for prefix in prefixes if prefix == wanted]
-    if not prefixes:
-        raise ConfigurationError(
-            f'{path}: has neither {" nor ".join(STATE_TOPICS)}'
-            + (f' in the namespace {wanted}' if namespace else ''), 'missing', 'namespace')
-    if len(prefixes) > 1:
-        raise ConfigurationError(
-            f'{path}: has several robots, {", ".join(p or "/" for p in prefixes)}: choose one '
-            'with --namespace', 'missing', 'namespace')
-    true_state = f'{prefixes[0]}/ball_state' in topics
-    return tuple(f'{prefixes[0]}/{name}' for name in TOPICS
-                 if not (name == 'joint_states' and true_state))

@@ -153,9 +153,9 @@ def test_one_of_several_robots_must_be_selected(tmp_path, played):
     bag = write_bag(tmp_path / 'bag', sorted(
         [*rolling(prefix='/left'), *rolling(prefix='/right', seconds=1.0)],
         key=lambda item: item[2]))
-    with refused('missing', 'namespace'):
+    with refused('ambiguous', '--namespace'):
         BagSource(bag)
-    with refused('missing', 'namespace'):
+    with refused('unknown_name', '--namespace'):
         BagSource(bag, namespace='middle')
     assert played(bag, namespace='/right').history.span[1] == pytest.approx(1.0)
 
@@ -176,7 +176,7 @@ def test_a_path_without_a_bag_is_refused(tmp_path, make):
 
 def test_a_bag_of_something_else_is_refused(tmp_path):
     bag = write_bag(tmp_path / 'bag', [('/odom', odometry(0.0, 0.0), 0.0)])
-    with refused('missing', 'namespace'):
+    with refused('wrong_kind', 'joint_states'):
         BagSource(bag)
 
 
