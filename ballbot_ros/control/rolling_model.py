@@ -123,8 +123,6 @@ class RollingModel:
     Attributes
     ----------
     robot : Robot
-    pendulum_moment : float
-        M2 e [kg m].
     own : RollingNumbers
         With I for the inertia of the pendulum where the ball does not roll.
     numbers : tuple of floats
@@ -140,15 +138,13 @@ class RollingModel:
     def __init__(self, robot: Robot, rolls: bool = True):
         require_pendulum(robot)
         self.robot = robot
-        moment = self.pendulum_moment = robot.pendulum_mass * robot.pendulum_length
         own = RollingNumbers(
-            robot.pendulum_inertia + moment * robot.pendulum_length,
-            robot.ball_inertia + robot.total_mass * robot.ball_radius**2,
-            moment * robot.ball_radius, robot.largest_gravity_torque, robot.joint_friction,
-            robot.rolling_friction, robot.weight * robot.ball_radius)
+            robot.joint_inertia, robot.ball_inertia + robot.total_mass * robot.ball_radius**2,
+            robot.pendulum_moment * robot.ball_radius, robot.largest_gravity_torque,
+            robot.joint_friction, robot.rolling_friction, robot.weight * robot.ball_radius)
         self.own = own if rolls else own._replace(
-            pendulum_inertia=own.pendulum_inertia - moment**2 / robot.total_mass,
-            ball_inertia=robot.ball_inertia, lever=0.0, weight_torque=0.0)
+            pendulum_inertia=robot.swing_inertia, ball_inertia=robot.ball_inertia, lever=0.0,
+            weight_torque=0.0)
         self.numbers: Rolling = self.own[:]
 
     def response(self, angle: float, on_pendulum: float, on_ball: float) -> Tuple[float, float]:
@@ -174,7 +170,7 @@ class RollingModel:
         """
         # The torque that holds it: phi'' = 0 in the first of the two equations.
         torque = (self.own.gravity_torque * math.sin(angle)
-                  + self.pendulum_moment * math.cos(angle) * self.held_acceleration(angle))
+                  + self.robot.pendulum_moment * math.cos(angle) * self.held_acceleration(angle))
         slopes = [one[1:] for one in rolling_linearised(angle, 0.0, 0.0, torque, self.numbers)]
         return (np.array([[0.0, 1.0, 0.0], *slopes]),
                 np.array([0.0, *self.response(angle, 1.0, -1.0)]))

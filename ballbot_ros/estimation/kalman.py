@@ -289,7 +289,7 @@ class PendulumFilter:
         model = RollingModel(robot)
         self._tuning = tuning
         self._trust = FilterNumbers(
-            model.pendulum_moment, robot.ball_radius, robot.gravity, tuning.gyro_sd**2,
+            robot.pendulum_moment, robot.ball_radius, robot.gravity, tuning.gyro_sd**2,
             tuning.gravity_sd**2, tuning.gravity_gate, tuning.pendulum_noise**2,
             tuning.ball_noise**2, tuning.pendulum_noise_with_imu**2,
             tuning.ball_noise_with_imu**2, tuning.gyro_drift**2)[:]

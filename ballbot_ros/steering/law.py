@@ -31,7 +31,7 @@ def steady_turn(robot: Robot, speed: float, curvature: float) -> Turn:
 
     The speed of the ball along its path may have either sign [m/s].
     """
-    first = robot.pendulum_mass * robot.pendulum_length
+    first = robot.pendulum_moment
     second = first * robot.pendulum_length
     radius, yaw_rate = robot.ball_radius, curvature * speed
     swing = 0.0
@@ -112,7 +112,7 @@ def law(robot: Robot, state: LateralState, speed: float, yaw_rate: float) -> flo
 
     """
     limits = required_steering(robot)
-    first = robot.pendulum_mass * robot.pendulum_length
+    first = robot.pendulum_moment
     inertia = (robot.ball_inertia + robot.total_mass * robot.ball_radius**2
                + robot.pendulum_inertia
                + first * (robot.pendulum_length - 2.0 * robot.ball_radius))

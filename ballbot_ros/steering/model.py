@@ -87,7 +87,7 @@ def accelerations(robot: Robot, state: LateralState, speed: float,
     `lean_acceleration` is in rad/s2.
     """
     ball, pendulum, radius = robot.ball_inertia, robot.pendulum_inertia, robot.ball_radius
-    first = robot.pendulum_mass * robot.pendulum_length
+    first = robot.pendulum_moment
     second = first * robot.pendulum_length
     swing, rolling, yaw_rate = state.lean - state.tilt, speed / radius, state.yaw_rate
     swing_rate = state.lean_rate - state.tilt_rate

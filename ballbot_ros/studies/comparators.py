@@ -26,7 +26,7 @@ def quasi_static(robot: Robot) -> float:
     ahead of the centre of the ball, to the vertical through the edge.  Valid for a ball at rest
     at the step, with sufficient friction; a rolling ball crosses much higher steps.
     """
-    offset = robot.pendulum_mass * robot.pendulum_length / robot.total_mass
+    offset = robot.pendulum_moment / robot.total_mass
     return robot.ball_radius - math.sqrt(robot.ball_radius**2 - offset**2)
 
 
@@ -112,9 +112,7 @@ def free_pendulum_impulse(robot: Robot, speed: float, pendulum_angle: float = 0.
     the absolute pendulum angle at the impact in rad.
     """
     check(robot, speed)
-    inertia = robot.pendulum_inertia + robot.pendulum_mass * robot.pendulum_length**2
-    given = ((robot.pendulum_mass * robot.pendulum_length)**2 / inertia
-             if robot.has_pendulum else 0.0)
+    given = robot.pendulum_moment**2 / robot.joint_inertia if robot.has_pendulum else 0.0
     cosine, sine = math.cos(pendulum_angle), math.sin(pendulum_angle)
     radius, ball, mass = robot.ball_radius, robot.ball_inertia, robot.total_mass
 

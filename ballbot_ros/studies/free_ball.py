@@ -137,8 +137,7 @@ class FreeBall:
                 self.gains.position_kd, robot.largest_gravity_torque)
         wanted = min(max(0.5 * BANDWIDTH * (self.lean_command - lean),
                          -self.limits.largest_lean_rate), self.limits.largest_lean_rate)
-        inertia = robot.pendulum_inertia + robot.pendulum_mass * robot.pendulum_length**2
-        torque = (2.0 * BANDWIDTH * inertia * (wanted - lean_rate)
+        torque = (2.0 * BANDWIDTH * robot.joint_inertia * (wanted - lean_rate)
                   + robot.largest_gravity_torque * math.sin(lean + math.asin(left[2])))
         passive[7] += min(max(torque, -self.limits.largest_torque), self.limits.largest_torque)
 

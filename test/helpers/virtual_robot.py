@@ -57,8 +57,7 @@ class HeldShell:
     def advance(self, torque):
         """Advance by a step under a constant torque."""
         robot, state = self._robot, self.state
-        inertia = robot.pendulum_inertia + robot.pendulum_mass * robot.pendulum_length**2
-        rate = state.pendulum_rate + STEP / inertia * (
+        rate = state.pendulum_rate + STEP / robot.joint_inertia * (
             torque - robot.joint_friction * state.pendulum_rate
             - robot.largest_gravity_torque * math.sin(state.pendulum_angle))
         self.state = state._replace(time=state.time + STEP, pendulum_rate=rate,

@@ -360,6 +360,24 @@ class Robot(Checked):
         return self.weight / self.contact_stiffness
 
     @property
+    def pendulum_moment(self) -> float:
+        """Return the first moment of the pendulum about the joint, M2 e [kg m]."""
+        return self.pendulum_mass * self.pendulum_length
+
+    @property
+    def joint_inertia(self) -> float:
+        """Return the inertia of the pendulum about the joint, J2 + M2 e^2 [kg m2]."""
+        # Not a power, whose last digit may differ between a number and a column.
+        return self.pendulum_inertia + self.pendulum_mass * (
+            self.pendulum_length * self.pendulum_length)
+
+    @property
+    def swing_inertia(self) -> float:
+        """Return the inertia of a swing that moves the free ball, J2 + M2 e^2 M1 / M [kg m2]."""
+        own = self.pendulum_mass * (self.pendulum_length * self.pendulum_length)
+        return self.pendulum_inertia + own * self.ball_mass / self.total_mass
+
+    @property
     def largest_gravity_torque(self) -> float:
         """Return the gravity torque about the joint with the pendulum horizontal, M2 g e [N m]."""
         return self.pendulum_mass * self.gravity * self.pendulum_length
@@ -380,8 +398,7 @@ class Robot(Checked):
     @property
     def slope_limit(self) -> float:
         """Return the steepest slope the pendulum can hold, asin(M2 e / (M R)) [rad]."""
-        lever = self.pendulum_mass * self.pendulum_length
-        return math.asin(min(1.0, lever / (self.total_mass * self.ball_radius)))
+        return math.asin(min(1.0, self.pendulum_moment / (self.total_mass * self.ball_radius)))
 
     @property
     def damping_ratio(self) -> float:
@@ -424,12 +441,9 @@ class Parameters(NamedTuple):
     @classmethod
     def of(cls, robot: Robot, options: ContactOptions) -> 'Parameters':
         """Return the parameters of a robot; columns for a robot with columns."""
-        # Not a power, whose last digit may differ between a number and a column.
-        own = robot.pendulum_mass * (robot.pendulum_length * robot.pendulum_length)
         return cls(
-            robot.total_mass, robot.pendulum_mass * robot.pendulum_length, robot.ball_inertia,
-            robot.pendulum_inertia + own * robot.ball_mass / robot.total_mass,
-            robot.pendulum_inertia + own, robot.rolling_friction, robot.joint_friction,
+            robot.total_mass, robot.pendulum_moment, robot.ball_inertia, robot.swing_inertia,
+            robot.joint_inertia, robot.rolling_friction, robot.joint_friction,
             robot.ball_radius, robot.contact_stiffness, robot.contact_damping,
             robot.slip_threshold, robot.gravity, float(options.pulling),
             float(options.friction_ramp == 'smooth'), float(options.slip_lever == 'radius'),

@@ -9,14 +9,14 @@ prints it), but not the split.
 The points equal those of ``scipy.stats.qmc.Sobol``, scrambled, whose import would take most of a
 second at each start of a decision node.
 """
-from types import SimpleNamespace
-from typing import cast, Dict, List, Mapping, Tuple, TypeVar
+from copy import copy
+from typing import Dict, List, Mapping, Tuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.physics.model.robot import (
-    ContactOptions, Parameters, ROBOT, Robot, with_parameters)
+    ContactOptions, Parameters, Robot, with_parameters)
 from ballbot_ros.physics.model.terrain import Array
 
 # Joe and Kuo 2008, Constructing Sobol sequences with better two-dimensional projections: the
@@ -121,12 +121,10 @@ def rows_of_parameters(robot: Robot, values: Mapping[str, Array], number: int,
 
     `values` has a column for each name of a field of the robot, SI.
     """
-    own = {name: getattr(robot, name) for name in ROBOT}
-    own['law_number'] = robot.law_number
-    own.update(_with_both_masses(robot, values))
-    own['total_mass'] = own['ball_mass'] + own['pendulum_mass']
     # Sums and products also work on arrays; one Robot per row would take a hundred times as long.
-    columns = Parameters.of(cast(Robot, SimpleNamespace(**own)), options)
+    many = copy(robot)
+    vars(many).update(_with_both_masses(robot, values))
+    columns = Parameters.of(many, options)
     return np.column_stack([np.broadcast_to(column, number) for column in columns])
 
 

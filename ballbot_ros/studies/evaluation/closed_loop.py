@@ -181,6 +181,5 @@ def watched_pieces(terrain: Terrain) -> Array:
 
 def balanced_angle(robot: Robot, slope: float) -> float:
     """Return the pendulum angle of a ball that rolls steadily on a slope [rad]."""
-    share = (robot.total_mass * robot.ball_radius * math.sin(slope)
-             / (robot.pendulum_mass * robot.pendulum_length))
+    share = robot.total_mass * robot.ball_radius * math.sin(slope) / robot.pendulum_moment
     return math.asin(min(max(share, -1.0), 1.0))

@@ -22,7 +22,7 @@ class MatrixFilter:
     def __init__(self, robot, tuning=FilterTuning()):
         self._robot, self._tuning, self._model = robot, tuning, RollingModel(robot)
         self._inertia = self._model.own[:2]
-        self._moment = self._model.pendulum_moment
+        self._moment = self._model.robot.pendulum_moment
 
     def predict(self, estimate, stamp, torque, imu=None):
         """Return the estimate predicted to a later time."""
