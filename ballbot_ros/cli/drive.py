@@ -1,22 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verb ``drive``: drive the robot from a keyboard or with a gamepad."""
 import argparse
-from contextlib import contextmanager
 import math
 import os
 import re
 import select
 import shutil
-import signal
 import sys
 import termios
 import time
-from typing import Any, Iterator, Optional, TextIO
+from typing import Any, Optional, TextIO
 
 from ballbot_ros.cli.options import add_number, from_ros
 from ballbot_ros.cli.verb import DONE, FAILED, print_error
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.config.optional import load_optional
+from ballbot_ros.demo.signals import ending_by_signal
 from ballbot_ros.errors import ConfigurationError
 
 RATE = 20.0  # of cmd_vel [Hz]
@@ -57,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     gamepad = Gamepad() if arguments.gamepad else None
     graph, driver = from_ros(), from_ros('ballbot_ros.ros.robot_driver')
     note('looking for the robot ...')
-    with ended_by_exception(), graph.Observer('drive') as observer:
+    with ending_by_signal(), graph.Observer('drive') as observer:
         robot = driver.RobotDriver(observer, arguments.node)
         try:
             with keyboard:
@@ -108,20 +107,6 @@ def drive(arguments: argparse.Namespace, observer: Any, robot: Any, keyboard: An
     finally:
         if not keyboard.gone:
             print(flush=True)
-
-
-@contextmanager
-def ended_by_exception() -> Iterator[None]:
-    """Convert SIGTERM and SIGHUP to an exception, so that the robot is stopped."""
-    def leave(number: int, _: Any) -> None:
-        sys.exit(128 + number)
-
-    before = {number: signal.signal(number, leave) for number in (signal.SIGTERM, signal.SIGHUP)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 class Driving:

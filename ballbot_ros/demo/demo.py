@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run the demo: simulator, controller and decision, with timeline, bag, picture and verdict."""
-from contextlib import contextmanager
 from functools import partial
 import itertools
 import os
@@ -29,6 +28,7 @@ from ballbot_ros.demo.forked import Forked, import_nodes
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph
+from ballbot_ros.demo.signals import ending_by_signal
 from ballbot_ros.demo.timeline import account, Expected, Passage, Timeline
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.figures.film import Mark, strip
@@ -304,16 +304,6 @@ def conclude(out: Path, title: str, quiet: bool, timeline: Timeline,
     for sentence in wrong:
         print(f'  - {sentence}', file=sys.stderr)
     return 1 if wrong else 0
-
-
-@contextmanager
-def ending_by_signal() -> Iterator[None]:
-    """Convert SIGTERM to an exception, so that all nodes are terminated."""
-    before = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def print_event(when: float, mark: str, sentence: str) -> None:

@@ -73,5 +73,7 @@ def import_nodes(names: Iterable[str]) -> None:
 
 
 def _run(work: Callable[[], int]) -> None:
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # not the handler of the copied process
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if callable(signal.getsignal(number)):  # the handler of the copied process
+            signal.signal(number, signal.SIG_DFL)
     sys.exit(work())

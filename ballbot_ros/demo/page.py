@@ -9,8 +9,8 @@ import subprocess
 import sys
 from typing import Iterator
 
-from ballbot_ros.demo.demo import ending_by_signal
 from ballbot_ros.demo.processes import own_domain
+from ballbot_ros.demo.signals import ending_by_signal
 from ballbot_ros.errors import ConfigurationError
 
 # Timeouts until the page is served, and until its process has ended [s].

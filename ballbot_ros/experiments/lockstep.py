@@ -7,9 +7,10 @@ from typing import Any, Callable, Dict, List, Mapping
 
 from std_srvs.srv import Trigger
 
-from ballbot_ros.demo.demo import ending_by_signal, RESET_PERIOD
+from ballbot_ros.demo.demo import RESET_PERIOD
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.demo.recorded_graph import recording
+from ballbot_ros.demo.signals import ending_by_signal
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.nodes.simulator.outputs import every
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings

@@ -36,8 +36,9 @@ def demo(domain, tmp_path):
             [sys.executable, '-m', 'ballbot_ros.cli', 'demo', '--out', str(tmp_path / 'out'),
              *arguments], env=surroundings, stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT, text=True,
-            # SIGINT is ignored if a shell runs the tests in the background.
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+            # SIGINT is ignored if a shell runs the tests in the background, SIGHUP with nohup.
+            preexec_fn=lambda: [signal.signal(number, signal.SIG_DFL)
+                                for number in (signal.SIGINT, signal.SIGHUP)])
         started.append(process)
         return process
     yield start
@@ -183,7 +184,8 @@ def test_a_node_that_dies_fails_the_demo_and_is_named(demo, tmp_path):
     assert not any(Path('/proc', str(number)).exists() for number in nodes.values())
 
 
-@pytest.mark.parametrize('number, code', [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize('number, code', [
+    (signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_an_interrupted_demo_leaves_no_process_running(demo, tmp_path, number, code):
     process = demo()
     nodes = wait_until(lambda: nodes_of(process).keys() == NODES and nodes_of(process))

@@ -10,6 +10,7 @@ import time
 import pytest
 
 from ballbot_ros.demo.forked import detached, Forked
+from ballbot_ros.demo.signals import ending_by_signal
 
 TIMEOUT = 20.0
 
@@ -31,6 +32,29 @@ def test_an_endless_process_runs_until_a_signal():
     deaf = Forked(lambda: time.sleep(TIMEOUT) or 0)
     deaf.kill()
     assert deaf.wait(TIMEOUT) == -signal.SIGKILL
+
+
+@pytest.mark.parametrize('handler, number', [
+    (signal.SIG_DFL, signal.SIGHUP), (signal.SIG_IGN, signal.SIGTERM)])
+def test_a_process_has_no_handler_of_its_parent_but_ignores_the_same_signals(handler, number):
+    reader, writer = os.pipe()
+
+    def work():
+        os.write(writer, b'.')
+        time.sleep(TIMEOUT)
+        return 0
+    before = signal.signal(signal.SIGHUP, handler)
+    try:
+        with ending_by_signal():
+            process = Forked(work)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    os.read(reader, 1)
+    process.send_signal(signal.SIGHUP)
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(TIMEOUT) == -number
+    os.close(reader)
+    os.close(writer)
 
 
 def test_a_detached_process_has_its_own_name_arguments_environment_log_and_session(tmp_path):
