@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps at an angle: remaining fraction of the maximum height, and course afterwards."""
+"""
+Steps at an angle: remaining fraction of the maximum height, and course afterwards.
+
+The functions read the table of GimBall for every robot.  The factor is close to the square of the
+cosine of the angle, as in the planar model if the maximum height grows with the square of the
+speed normal to the edge; the changes of course and heading are those of GimBall.
+"""
 from dataclasses import dataclass
 import functools
 import math

@@ -26,6 +26,13 @@ def test_the_factor_is_the_lowest_of_all_cases():
         assert low <= high
 
 
+def test_the_factor_is_close_to_that_of_the_speed_normal_to_the_edge():
+    # The reason why it is also used for other robots.
+    for degrees in range(0, 46, 5):
+        angle = math.radians(degrees)
+        assert 0.98 < height_factor(angle) / math.cos(angle)**2 < 1.04
+
+
 @pytest.mark.parametrize('degrees', [46.0, 90.0, 180.0, math.nan])
 def test_beyond_the_table_no_crossing_is_permitted(degrees):
     if math.isfinite(degrees):
