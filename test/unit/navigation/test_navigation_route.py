@@ -9,6 +9,7 @@ import numpy as np
 from PIL import Image
 import pytest
 
+from ballbot_ros.crossing import max_step_heights, rolling
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.errors import ConfigurationError, RefusedError
@@ -19,7 +20,9 @@ from ballbot_ros.navigation import Capability, RoutePlanner, write_masks
 from ballbot_ros.navigation.capability import RUN_UPS
 from ballbot_ros.navigation.lattice import cells_around, COUNT, LEVELS
 from ballbot_ros.navigation.learned import Learned
-from ballbot_ros.navigation.route import CLEARANCE, HEADING_DEVIATION_MAX, REVERSAL_TIME
+from ballbot_ros.navigation.route import (
+    BACKWARD_SPEED, CLEARANCE, HEADING_DEVIATION_MAX, REVERSAL_TIME)
+from ballbot_ros.navigation.sensing import FACE_HEIGHT_MIN
 from ballbot_ros.physics import load_robot
 
 TUNING = load_decision_tuning('decision_default')
@@ -652,6 +655,13 @@ def test_a_ramp_that_ends_at_no_level_is_not_refused_for_its_slope_alone(tmp_pat
         'line: [[1.5, 1], [3, 1]]}'], (5, 3))  # 0.8 degrees
     with pytest.raises(RefusedError, match='edges of ramps'):
         planner.route((0.7, 1.5), (4.2, 1.5))
+
+
+def test_at_cruise_speed_the_ball_rolls_over_an_open_edge_of_a_ramp():
+    crossed_heights = [item.height for item in max_step_heights(
+        KNOWLEDGE.robot, [TUNING.cruise_speed, BACKWARD_SPEED], rolling(KNOWLEDGE.robot))]
+    assert crossed_heights[0] > FACE_HEIGHT_MIN
+    assert crossed_heights == pytest.approx([0.0102, 0.0026], abs=1e-4)  # docs/navigation.md
 
 
 def test_a_goal_may_be_on_a_ramp(tmp_path):
