@@ -22,7 +22,7 @@ from ballbot_ros.msg import (
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.simulation.model import Model
-from ballbot_ros.plant import FloorPlant, Plant, Sensor, Sight, TerrainSight
+from ballbot_ros.plant import FloorPlant, Sensor, Sight, TerrainSight
 from ballbot_ros.ros.frames import FRAMES, Frames, LATERAL, LEAN, PENDULUM, SHELL, YAW
 from ballbot_ros.steering import LateralState
 
@@ -176,18 +176,18 @@ def set_point_message(stamp: Time, angle: float, yaw_rate: float = 0.0) -> Joint
                       velocity=[math.nan, yaw_rate])
 
 
-def odometry_message(state: State, frames: Frames, plant: Optional[Plant] = None) -> Odometry:
+def odometry_message(state: State, place: Tuple[float, float, float], lateral: LateralState,
+                     radius: float, frames: Frames) -> Odometry:
     """
     Return the true pose and velocity of the level, non-rolling frame at the ball centre.
 
-    With a plant they include its heading; a state alone moves straight ahead.
+    `place` is x, y and heading in the frame ``odom`` [m], [rad]; `radius` is that of the ball [m].
     """
     message = _odometry(state.time, ALL_EXACT, ALL_EXACT, frames)
-    pose, twist = message.pose.pose, message.twist.twist
-    pose.position.x, pose.position.z = state.x, state.y
+    twist = message.twist.twist
+    message.pose.pose.position.z = state.y
     twist.linear.x, twist.linear.z = state.velocity_x, state.velocity_y
-    if plant is not None:
-        _turn(message, plant.relative_pose, plant.lateral, plant.model.robot.ball_radius)
+    _turn(message, place, lateral, radius)
     return message
 
 

@@ -126,13 +126,14 @@ class EmulatedRobot(Node):
                 self._frames.imu))
         else:
             self._imu_line.measure(*sample[1:])
-        here = state._replace(time=now)
+        here, course = state._replace(time=now), self._emulator.ball.course
         if self._number % TRUTH_EVERY == 0:
             self._truth.publish(ball_state_message(
                 here, self._emulator.pendulum_torque, self._model, self._frames,
-                self._emulator.ball.lateral, self._emulator.ball.course.pose))
+                course.lateral, course.pose))
         if self._odometry is not None and self._number % ODOM_EVERY == 0:
-            self._odometry.publish(odometry_message(here, self._frames))
+            self._odometry.publish(odometry_message(
+                here, course.pose, course.lateral, self._model.robot.ball_radius, self._frames))
         if self._number % OBSERVATION_EVERY == 0:
             sight = self._sensor.measure(state.x, self._number // OBSERVATION_EVERY)
             if sight is not None:

@@ -138,9 +138,10 @@ class Outputs:
             self._clock.publish(CLOCK.pack(CDR, *sec_nanosec(time)))
 
     def _publish_odometry(self, state: State) -> None:
-        self._odometry.publish(
-            lambda: odometry_message(state, self._odometry.frames, self._plant),
-            state.ball_angle, state.joint_angle, self._plant.lateral)
+        plant = self._plant
+        self._odometry.publish(lambda: odometry_message(
+            state, plant.relative_pose, plant.lateral, plant.model.robot.ball_radius,
+            self._odometry.frames), state.ball_angle, state.joint_angle, plant.lateral)
 
     def _publish_ball_state(self, state: State, torque: float) -> None:
         if has_subscribers(self._ball):

@@ -138,7 +138,8 @@ def test_invalid_readings_are_refused(change, reason):
 
 @given(some.builds(State, *[some.floats(-50, 50)] * 9))
 def test_odometry_returns_position_and_speed(state):
-    message = conversions.odometry_message(state._replace(time=2.5), FRAMES)
+    message = conversions.odometry_message(
+        state._replace(time=2.5), (state.x, 0.0, 0.0), LateralState(), 0.226, FRAMES)
     assert conversions.motion(message) == (
         type(conversions.motion(message))(2.5, state.x, state.velocity_x))
     assert message.pose.pose.position.z == state.y
@@ -147,7 +148,8 @@ def test_odometry_returns_position_and_speed(state):
 
 
 def test_odometry_of_the_simulator_is_marked_as_exact_and_not_as_unknown():
-    message = conversions.odometry_message(State(), FRAMES)
+    message = conversions.odometry_message(
+        State(), (0.0, 0.0, 0.0), LateralState(), 0.226, FRAMES)
     for covariance in (message.pose.covariance, message.twist.covariance):
         variances = covariance.reshape(6, 6).diagonal()
         assert all(variances > 0.0) and all(variances < 1e-9)

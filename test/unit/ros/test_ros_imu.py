@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node imu with an emulated sensor on a pseudo-terminal."""
 from itertools import count
+import math
 import time
 from types import SimpleNamespace
 
@@ -21,6 +22,7 @@ from ballbot_ros.nodes.imu import publisher as imu
 from ballbot_ros.nodes.imu.node import ImuNode
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import to_seconds
+from ballbot_ros.steering import LateralState
 
 
 @pytest.fixture
@@ -150,6 +152,27 @@ def test_the_bridge_reads_a_sensor_itself_if_its_hardware_file_has_the_port(
         assert not node._inputs.imu_refused
         sensor.stop()
         wait_until(lambda: not watch.has(time.monotonic()))
+    finally:
+        node.make_safe()
+
+
+def test_the_true_odometry_of_an_emulated_robot_that_steers_contains_its_heading(
+        make_node, tmp_path):
+    node, found = make_node(
+        EmulatedRobot, scene='flat', hardware='gimball_roboclaw_steering',
+        link=str(tmp_path / 'motor'), publish_odom=True), []
+    try:
+        ball, node._odometry = node._emulator.ball, SimpleNamespace(publish=found.append)
+        ball.lateral = LateralState(heading=0.5)
+        ball.course = ball.course._replace(y=1.5)
+        wait_until(lambda: ball.course.lateral.heading == 0.5)
+
+        def published():
+            node._publish()
+            return found
+        pose = wait_until(published)[-1].pose.pose
+        assert pose.position.y == pytest.approx(1.5, abs=0.1)
+        assert pose.orientation.z == pytest.approx(math.sin(0.25))
     finally:
         node.make_safe()
 

@@ -13,6 +13,7 @@ from ballbot_ros.ros import odometry
 from ballbot_ros.ros.conversions import odometry_message
 from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.odometry import OdometryTopics
+from ballbot_ros.steering import LateralState
 
 STATE = State(time=2.5, x=1.5, y=0.3, ball_angle=-math.pi / 2, pendulum_angle=0.3)
 
@@ -32,8 +33,9 @@ def publish(make_node, robot, state=STATE, **settings):
     """Publish odometry, the description and transforms of a state; return the topics."""
     topics = OdometryTopics(
         make_node(Node, 'robot'), robot, SimulatorSettings(**settings), steers=False)
-    topics.publish(lambda: odometry_message(state, topics.frames), state.ball_angle,
-                   state.joint_angle)
+    topics.publish(lambda: odometry_message(
+        state, (state.x, 0.0, 0.0), LateralState(), robot.ball_radius, topics.frames),
+        state.ball_angle, state.joint_angle)
     return topics
 
 
