@@ -185,8 +185,7 @@ class MotorOutputs:
         self._status.publish(MotorStatus(
             header=self._header(time.monotonic()), state=state, **_cause(e_stop), derating=1.0,
             warnings=[unconfirmed] if unconfirmed else [],
-            control=(MotorStatus.CONTROL_ONBOARD if self._joint_turns.period
-                     else MotorStatus.CONTROL_DIRECT),
+            control=_control(session.law),
             **dict.fromkeys(NUMBERS, math.nan)))
         wait_until_received(self._status)
 
@@ -204,7 +203,7 @@ class MotorOutputs:
             current=or_nan(drive.current), bus_voltage=or_nan(drive.bus_voltage),
             bus_current=or_nan(drive.bus_current),
             set_value=math.nan if law is None or law.mode is Mode.IDLE else law.value,
-            control=MotorStatus.CONTROL_DIRECT if law is None else MotorStatus.CONTROL_ONBOARD,
+            control=_control(law),
             law='' if law is None else law.mode.value, derating=report.condition.part,
             warnings=(*drive.warnings, *report.condition.warnings),
             temperature=or_nan(drive.temperature),
@@ -225,6 +224,11 @@ def state_of(report: Report) -> str:
     if report.timed_out:
         return MotorStatus.STATE_TIMED_OUT
     return MotorStatus.STATE_FOLLOWING if report.commanded else MotorStatus.STATE_WAITING
+
+
+def _control(law: Optional[object]) -> str:
+    """Return the source of the torque; `law` is None without laws on board."""
+    return str(MotorStatus.CONTROL_DIRECT if law is None else MotorStatus.CONTROL_ONBOARD)
 
 
 def _cause(e_stop: Optional[EStop]) -> Dict[str, str]:

@@ -22,9 +22,11 @@ def test_the_last_status_is_received_and_names_an_unconfirmed_stop(
     spinner.add(peer)
     spinner.until(lambda: node.count_subscribers('motor_status'))
     outputs.publish_end(state, SimpleNamespace(
+        law=SimpleNamespace(),
         supervisor=SimpleNamespace(e_stop=EStop(StopReason.REQUESTED, 'asked for')),
         control=SimpleNamespace(unconfirmed=unconfirmed)))
     last, = spinner.until(lambda: received)
     assert (last.state, last.torque, last.e_stop, last.e_stop_reason) == (
         state, 0.0, 'asked for', 'requested')
+    assert last.control == MotorStatus.CONTROL_ONBOARD
     assert list(last.warnings) == ([unconfirmed] if unconfirmed else [])
