@@ -26,6 +26,8 @@ from ballbot_ros.ros.rclpy_compat import answer_later
 from ballbot_ros.ros.topics import message_class, TOPICS
 
 CLOCK = '/clock'
+# Timeout of odometry during a goal [s of wall time].
+ODOMETRY_TIMEOUT = 10
 # Timeout for the reception of the last message of a publisher [s]; it takes 5 ms, unless
 # a subscriber has died.
 RECEIVED_TIMEOUT = 0.5

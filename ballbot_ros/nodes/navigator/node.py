@@ -30,7 +30,7 @@ from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import exact, terrain_observation, to_seconds
 from ballbot_ros.ros.endpoints import (
-    create_subscription, create_trigger, subscribe_e_stop, TopicTimeout)
+    create_subscription, create_trigger, ODOMETRY_TIMEOUT, subscribe_e_stop, TopicTimeout)
 from ballbot_ros.ros.frames import FRAMES
 from ballbot_ros.ros.lifecycle import FAILURE, ManagedNode, SUCCESS
 from ballbot_ros.ros.parameters import declare
@@ -39,7 +39,6 @@ from ballbot_ros.ros.single_publisher import SinglePublisher
 
 PERIOD = 0.02  # shortest time between two commands [s]
 LATEST_SCAN = 0.5  # maximum age of a scan [s]
-SILENCE = 10  # timeout of odometry during a goal [s of wall time]
 
 
 class NavigatorNode(ManagedNode):
@@ -87,7 +86,7 @@ class NavigatorNode(ManagedNode):
         self.servers = NavigationServers(self)
         self.diagnostics = diagnostics.Diagnostics(
             self, 'navigation', self._health, self._robot.name)
-        self._timeout = TopicTimeout(self, 'odom', SILENCE, self._end_without_odometry)
+        self._timeout = TopicTimeout(self, 'odom', ODOMETRY_TIMEOUT, self._end_without_odometry)
         if self._settings.autostart:
             self.autostart()
 
@@ -149,7 +148,7 @@ class NavigatorNode(ManagedNode):
             self.servers.step()
 
     def _end_without_odometry(self) -> None:
-        self.abort('missing', f'no odometry received for {SILENCE} s')
+        self.abort('missing', f'no odometry received for {ODOMETRY_TIMEOUT} s')
 
     def _on_e_stop(self, engaged: bool) -> None:
         if engaged:
