@@ -23,9 +23,9 @@ class BridgeSettings(Settings):
         'source of the torque: `onboard` for the laws in the loop of the bridge, which follow '
         'set_point and cmd_vel; `direct` for joint_commands', default='onboard',
         choices=('onboard', 'direct')))
-    tuning: str = live(text(
-        'gains of the laws on board or, in direct control, of the controller, for the stability '
-        'check of the loop', default='gentle'))
+    tuning: str = live(file_in(
+        'tunings', 'gentle', doc=': gains of the laws on board or, in direct control, of the '
+        'controller, for the stability check of the loop'))
     delay: int = live(count(
         'samples from a joint state to the torque that answers it, for the stability check in '
         'direct control', default=1, maximum=10))

@@ -42,7 +42,7 @@ class EmulatedRobotSettings(Settings):
     link: str = fixed('the device is created at the start', text(
         'symbolic link to the serial device', default='/tmp/ballbot_motor'))
     publish_odom: bool = fixed('the topic is created at the start', flag(
-        'publish the true odom, 83 times a second, for a bridge whose odom_rate is 0',
+        'publish the true odom, at a third of imu_rate, for a bridge whose odom_rate is 0',
         default=False))
     imu_link: str = fixed('the device is created at the start', text(
         'symbolic link to the serial device of an emulated WitMotion sensor, in place of the '

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from ballbot_ros.config.fields import fixed, flag, text
+from ballbot_ros.ros.frames import FRAMES
 from ballbot_ros.ros.settings import file_in, Settings
 
 WHY = 'routes and crossings depend on it'
@@ -22,9 +23,10 @@ class NavigatorSettings(Settings):
     learned: str = fixed('it is read at the start', text(
         'file for learned data of the floor, read at the start; empty for none',
         default=''))
-    map_frame: str = fixed('poses are expressed in it', text('frame of the floor', default='map'))
+    map_frame: str = fixed('poses are expressed in it', text(
+        'frame of the floor', default=FRAMES.map))
     odom_frame: str = fixed('poses are expressed in it', text(
-        'frame of odom; /tf contains its transform from map_frame', default='odom'))
+        'frame of odom; /tf contains its transform from map_frame', default=FRAMES.odom))
     localized: bool = fixed('it selects the source of the pose', flag(
         'wait for the transform from map_frame to odom_frame; false: the frames coincide',
         default=True))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from ballbot_ros.config.fields import fixed, flag, live, text
 from ballbot_ros.decision import DecisionTuning, load_decision_tuning
 from ballbot_ros.decision.planning.planners import PLANNERS
-from ballbot_ros.ros.frames import marked
+from ballbot_ros.ros.frames import FRAMES, marked
 from ballbot_ros.ros.settings import file_in, numbers_in, Settings
 
 
@@ -26,7 +26,7 @@ class DecisionSettings(Settings):
         'none', default=''))
     terrain_frame: str = fixed('the terrain map is expressed in it', text(
         'required frame of terrain_observation: level, at the centre of the ball, and not '
-        'rolling', default='base_link'))
+        'rolling', default=FRAMES.base))
     planner: str = fixed('its kernels are compiled at the start', text(
         'planning method', default='rollout', choices=tuple(PLANNERS)))
     publish_markers: bool = marked('the step ahead, the permitted height and the explanation')
