@@ -67,6 +67,14 @@ class TerrainSensor:
 
         The number of this observation, from 0, determines the noise.
         """
+        found = self.sample(x, y, number)
+        if found is None:
+            return None
+        ahead, up, deviation = (tuple(numbers.tolist()) for numbers in found)
+        return TerrainSight(ahead, up, deviation, ahead[0], ahead[-1])
+
+    def sample(self, x: float, y: float, number: int) -> Optional[Tuple[Array, Array, Array]]:
+        """Return x, z and z_sd of an observation as (n,) arrays [m], see `measure`."""
         faults = self.faults
         random = np.random.default_rng([self._seed, number])
         phase, lost = random.random(2)
@@ -87,8 +95,7 @@ class TerrainSensor:
         floor = float(np.interp(x, self._x, self._y)) - y
         up = self._distorted(x, ahead, up, floor) + self._noise * noise
         reported_sd = faults.reported_sd * max(self._noise, HEIGHT_RESOLUTION)
-        return TerrainSight(tuple(ahead.tolist()), tuple(up.tolist()), (reported_sd,) * len(ahead),
-                            float(ahead[0]), float(ahead[-1]))
+        return ahead, up, np.full(len(ahead), reported_sd)
 
     def _horizon(self, x: float, y: float, course: Array) -> Array:
         """Return the maximum elevation of the vertices up to each point of the course."""

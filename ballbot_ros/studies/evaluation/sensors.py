@@ -204,18 +204,21 @@ class SimulatedSensor:
             self._last = self._observe(number, stamp, x, y)
         if self._last is None:
             return
-        random = np.random.default_rng([self._seed, number, 1])
-        arrival = stamp + model.faults.latency + model.reordering * float(random.random())
+        arrival = stamp + model.faults.latency
+        if model.reordering:
+            random = np.random.default_rng([self._seed, number, 1])
+            arrival += model.reordering * float(random.random())
         heapq.heappush(self._queue, (arrival, number, replace(self._last, stamp=stamp)))
 
     def _observe(self, number: int, stamp: float, x: float, y: float) -> Optional[Observation]:
         model = self._model
-        random = np.random.default_rng([self._seed, number, 2])
+        # Creating a generator takes longer than all its draws.
+        random = np.random.default_rng([self._seed, number, 2]) if model.outliers else None
         if model.kind == 'step':
             sight = self._step.measure(x, number)
             if sight is None:
                 return None
-            if random.random() < model.outliers:
+            if random is not None and random.random() < model.outliers:
                 return StepObservation(
                     stamp, True, float(random.uniform(0.05, model.reach)),
                     float(random.uniform(-STEP_OUTLIER, STEP_OUTLIER)),
@@ -225,18 +228,13 @@ class SimulatedSensor:
             return StepObservation(
                 stamp, True, max(0.0, sight.distance + model.distance_bias), sight.height,
                 self._step.distance_sd, self._step.height_sd)
-        if model.kind == 'camera':
-            seen = self._camera.sample(x, y, number)
-            if seen is None:
-                return None
-            ahead, up, deviation = seen
-        else:
-            polyline = self._points.measure(x, y, number)
-            if polyline is None:
-                return None
-            ahead, up, deviation = map(np.array, (polyline.x, polyline.z, polyline.z_sd))
-        wrong = random.random(len(up)) < model.outliers
-        up = up + wrong * random.uniform(-TERRAIN_OUTLIER, TERRAIN_OUTLIER, len(up))
+        seen = (self._camera if model.kind == 'camera' else self._points).sample(x, y, number)
+        if seen is None:
+            return None
+        ahead, up, deviation = seen
+        if random is not None:
+            wrong = random.random(len(up)) < model.outliers
+            up = up + wrong * random.uniform(-TERRAIN_OUTLIER, TERRAIN_OUTLIER, len(up))
         ahead = ahead + model.distance_bias
         return TerrainObservation(stamp, tuple(ahead.tolist()), tuple(up.tolist()),
                                   tuple(deviation.tolist()), float(ahead[0]), float(ahead[-1]))
