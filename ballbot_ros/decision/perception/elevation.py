@@ -6,7 +6,7 @@ from typing import List, NamedTuple, Optional, Tuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.decision.perception.kernels import middle
+from ballbot_ros.decision.perception.kernels import medians, middle
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.physics.model.terrain import Array
 
@@ -47,26 +47,6 @@ class Scan(NamedTuple):
         return found
 
 
-def neighbourhoods(values: Array) -> Array:
-    """
-    Return each value with its neighbours, three on each side, (n, 7).
-
-    At the ends the neighbours count twice: a last point beyond a gap is not its own median.
-    """
-    # Reflected at both ends; `np.pad` takes longer than the median.
-    last, places = len(values) - 1, np.arange(-3, len(values) + 3)
-    padded = values[last - np.abs(last - np.abs(places)) if last > 2 else
-                    np.clip(places, 0, last)]
-    windows: Array = np.lib.stride_tricks.sliding_window_view(padded, 7)
-    return windows
-
-
-def medians(near: Array) -> Array:
-    """Return the median of each neighbourhood."""
-    found: Array = np.partition(near, 3, axis=1)[:, 3]
-    return found
-
-
 def deviation(bends: Array) -> float:
     """Return the standard deviation of heights with such bends [m], 0 for too few."""
     return 1.4826 * middle(bends) / math.sqrt(6.0) if len(bends) > 20 else 0.0
@@ -77,12 +57,11 @@ def means_around(counted: Flags, *items: Array) -> List[Array]:
     places, half = np.arange(len(counted)), NOISE_NODES // 2
     begin, end = np.maximum(places - half, 0), np.minimum(places + half + 1, len(counted))
 
-    def total(values: Array) -> Array:
-        sums = np.concatenate([[0.0], np.cumsum(values)])
-        found: Array = sums[end] - sums[begin] + OVERLAP_MIN * sums[-1] / np.count_nonzero(counted)
-        return found
-    count = total(np.where(counted, 1.0, 0.0))
-    return [total(np.where(counted, values, 0.0)) / count for values in items]
+    sums = np.zeros((1 + len(items), 1 + len(counted)))
+    np.cumsum(np.where(counted, (np.ones(len(counted)), *items), 0.0), axis=1, out=sums[:, 1:])
+    count, *totals = (sums[:, end] - sums[:, begin]
+                      + OVERLAP_MIN * sums[:, -1:] / np.count_nonzero(counted))
+    return [total / count for total in totals]
 
 
 def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float) -> Optional[Scan]:
@@ -115,23 +94,22 @@ def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float) -> O
     # As seen from the centre, the ground behind an edge is occluded up to a line through the edge.
     # On sloping ground, rises and the height of the centre are taken relative to the local slope,
     # which reduces the criterion to that of a level floor.
-    grade = np.clip(
-        medians(neighbourhoods(rise / np.maximum(run, 1e-9))), -SLOPE_MAX, SLOPE_MAX)
+    grade = np.clip(medians(rise / np.maximum(run, 1e-9))[0], -SLOPE_MAX, SLOPE_MAX)
     excess, below = rise - run * grade, np.minimum(z[:-1] - grade * x[:-1], 0.0)
     far = run > GAP_MIN
     hidden = lost | far & (x[:-1] > 0.0) & (
         excess * np.maximum(x[:-1], CELL) < OCCLUSION_SLOPE_MIN * below * run)
     # A face may lie anywhere between two distant points.
     wide = far & (len(x) > SAMPLES_MIN)
-    for index in np.flatnonzero(hidden | wide):
-        beside = 1e-9 if hidden[index] else CELL
-        heights[(places > x[index] + beside) & (places < x[index + 1] - beside)] = np.nan
+    interval = np.clip(np.searchsorted(x, places, side='right') - 1, 0, len(run) - 1)
+    beside = np.where(hidden, 1e-9, CELL)[interval]
+    heights[(hidden | wide)[interval] & (places > x[interval] + beside)
+            & (places < x[interval + 1] - beside)] = np.nan
     if np.count_nonzero(np.isfinite(heights)) < 3:
         return None
     steep = np.zeros(len(heights))
     steep[1:-1] = 0.5 * POSITION_SD / CELL * np.abs(heights[2:] - heights[:-2])
     steep[np.isnan(steep)] = 0.0
-    interval = np.clip(np.searchsorted(x, places, side='right') - 1, 0, len(run) - 1)
     part = np.clip((places - x[interval]) / np.maximum(run[interval], 1e-9), 0.0, 1.0)
     slack = np.where(wide, CELL * np.abs(excess) / np.maximum(run, CELL), 0.0)
     np.maximum(steep, slack[interval], out=steep)

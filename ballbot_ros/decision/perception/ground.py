@@ -245,9 +245,10 @@ def _bridged(found: ElevationMap, known: Whole, shared: float, position: float,
             levels.append(z[gap] + level[0])
             variances.append(level_variance)
     after = np.array(jumps, dtype=int) + 1
-    return Nodes(np.insert(x, after, x[after - 1] + 1e-4), np.insert(z, after, levels),
-                 np.insert(variance, after, variances),
-                 (after + np.arange(len(after))).tolist())
+    if jumps:
+        x, z, variance = np.insert((x, z, variance), after, (
+            x[after - 1] + 1e-4, levels, variances), axis=1)
+    return Nodes(x, z, variance, (after + np.arange(len(after))).tolist())
 
 
 def _below(nodes: Nodes, pieces: List[Piece], position: float) -> Tuple[float, float, float]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels of the perception: simplify a polyline, fit lines to pieces of it."""
+"""Kernels of the perception: simplify a polyline, fit lines to pieces of it, medians."""
 import math
 
 import numpy as np
@@ -85,7 +85,48 @@ def line(x: Array, z: Array, variance: Array, begin: int, end: int,
             1.0 / weights + (at - mean_x) ** 2 / spread, 1.0 / spread)
 
 
+@compiled
+def fourth(window: Array) -> float:
+    """Return the fourth smallest of seven values; sorts them."""
+    for last in range(1, 7):
+        value, place = window[last], last
+        while place > 0 and window[place - 1] > value:
+            window[place] = window[place - 1]
+            place -= 1
+        window[place] = value
+    found: float = window[3]
+    return found
+
+
+@compiled
+def write_medians(values: Array, window: Array, found: Array) -> None:
+    """Write the (2, n) result of `medians`; `window` is a work array, (7,)."""
+    last = len(values) - 1
+    for index in range(len(values)):
+        for side in range(7):
+            place = index + side - 3
+            window[side] = values[last - abs(last - abs(place)) if last > 2
+                                  else min(max(place, 0), last)]
+        found[0, index] = fourth(window)
+        for side in range(7):
+            window[side] = abs(window[side] - found[0, index])
+        found[1, index] = fourth(window)
+
+
+def medians(values: Array) -> Array:
+    """
+    Return the medians of each value and its neighbours, and of their deviations from it, (2, n).
+
+    Three neighbours on each side.  At the ends they count twice: a last point beyond a gap is not
+    its own median.
+    """
+    found = np.empty((2, len(values)))
+    write_medians(values, np.empty(7), found)
+    return found
+
+
 def middle(values: Array) -> float:
     """Return the upper median of a non-empty array; `numpy.median` takes eight times as long."""
-    half = len(values) // 2
-    return float(np.partition(values, half)[half])
+    half, found = len(values) // 2, values.copy()
+    found.partition(half)
+    return float(found[half])

@@ -10,11 +10,11 @@ import numpy as np
 from ballbot_ros.decision.perception.edge_map import (
     EdgeEstimate, EdgeMap, Existence, Rejection)
 from ballbot_ros.decision.perception.elevation import (
-    CELL, ElevationMap, Flags, medians, neighbourhoods, resample, SLOPE_MAX)
+    CELL, ElevationMap, Flags, resample, SLOPE_MAX)
 from ballbot_ros.decision.perception.ground import FACE_SIGMAS, ground_of
 from ballbot_ros.decision.perception.ground_profile import (
     SLOPE_HYSTERESIS, SLOPE_LENGTH, steep_stretches)
-from ballbot_ros.decision.perception.kernels import middle
+from ballbot_ros.decision.perception.kernels import medians, middle
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import POSITION_MAX, Profile, Reason, TerrainObservation
 from ballbot_ros.physics.model.terrain import Array
@@ -195,11 +195,9 @@ class TerrainTracker:
         """Return which points to keep: all but outliers that earlier observations do not show."""
         slopes = np.diff(z) / np.maximum(np.diff(x), 1e-9)
         level = z - x * middle(np.clip(slopes, -SLOPE_MAX, SLOPE_MAX))  # most may lie on a wall
-        near = neighbourhoods(level)
-        middles = medians(near)
-        off = level - middles
         # Hampel filter: on a face, the deviations of the neighbourhood are large.
-        spread = medians(np.abs(near - middles[:, None]))
+        middles, spread = medians(level)
+        off = level - middles
         # The median is weighted by the length of ground: a wall has many points.
         order = np.argsort(np.abs(off))
         length = np.cumsum(np.minimum(np.diff(x, prepend=x[0])[order], CELL))

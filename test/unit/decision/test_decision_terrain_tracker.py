@@ -10,6 +10,7 @@ from tiers import slow
 from ballbot_ros.decision import (
     DecisionTuning, Motion, ProfileTracker, Reason, TerrainObservation)
 from ballbot_ros.decision.perception import GroundFusion
+from ballbot_ros.decision.perception.kernels import medians
 from ballbot_ros.physics import Terrain
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.plant import SensorFaults, TerrainSensor
@@ -374,3 +375,13 @@ def test_long_observation_of_a_rough_floor_does_not_add_faces():
         profile = tracking.update(TerrainObservation(
             0.02 * index, sight.x, sight.z, (), sight.x_min, sight.x_max), 0.0)
     assert [round(face.height, 2) for face in profile.faces] == [0.03]
+
+
+@pytest.mark.parametrize('count', [1, 3, 4, 5, 30])
+def test_medians_are_those_of_seven_neighbours_with_the_ends_reflected(count):
+    values = np.random.default_rng(count).normal(size=count)
+    near = np.lib.stride_tricks.sliding_window_view(
+        np.pad(values, 3, 'reflect' if count > 3 else 'edge'), 7)
+    middles = np.median(near, axis=1)
+    spread = np.median(np.abs(near - middles[:, None]), axis=1)
+    assert np.array_equal(medians(values), [middles, spread])
