@@ -104,10 +104,9 @@ class EdgeEstimate:
     # Trend of the height over the observation distance.
     trend: Trend = field(default_factory=Trend)
 
-    @property
-    def face(self) -> Face:
-        """Return the edge with all uncertainties."""
-        return replace(self.mean, height_sd=math.hypot(
+    def face(self, number: int) -> Face:
+        """Return the edge with all uncertainties and its number."""
+        return replace(self.mean, number=number, height_sd=math.hypot(
             max(self.mean.height_sd, self.trend.mean_sd, self.bias), self.trend.growth))
 
 
@@ -193,7 +192,7 @@ class EdgeMap:
 
     def face(self, edge: TrackedEdge) -> Face:
         """Return the fused estimate of an edge; the larger height if the sensors contradict."""
-        one, *others = (replace(known.face, number=edge.number)
+        one, *others = (known.face(edge.number)
                         for known in filter(None, (edge.ground, edge.step)))
         if not others:
             return one

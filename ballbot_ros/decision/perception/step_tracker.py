@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Track edges by a sensor that detects the next step."""
 from collections import deque
-from dataclasses import astuple
 import math
 from statistics import median
 from typing import Deque, Optional
@@ -115,7 +114,7 @@ class StepTracker:
             one for one in edges.edges if one.step is not None
             and not _is_passed(one, position)], self._radius).get(0)
         if edge is not None and edge.step is not None:
-            known, gap = edge.step.face, ''
+            known, gap = edge.step.face(edge.number), ''
             moved, grown = shown.position - known.position, shown.height - known.height
             other = abs(grown) > sigmas * math.hypot(known.height_sd, shown.height_sd)
             if abs(moved) > sigmas * math.hypot(known.position_sd, shown.position_sd):
@@ -195,7 +194,7 @@ def _is_passed(edge: TrackedEdge, position: float) -> bool:
 
 def _fault(observation: StepObservation, position: float) -> str:
     """Return the reason why an observation is invalid, or an empty string."""
-    if not all(map(math.isfinite, (*astuple(observation), position))):
+    if not all(map(math.isfinite, (*vars(observation).values(), position))):
         return 'it contains a value that is not finite'
     for name in ('distance', 'distance_sd', 'height_sd'):
         if getattr(observation, name) < 0.0:

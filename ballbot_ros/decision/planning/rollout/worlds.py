@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sampled worlds, and rollouts of plans in them."""
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 import math
 from operator import add
 from typing import Optional, Sequence
@@ -44,7 +44,7 @@ class Tally:
 
     def __add__(self, other: 'Tally') -> 'Tally':
         """Return the sum of both tallies."""
-        return Tally(*map(add, astuple(self), astuple(other)))
+        return Tally(*map(add, vars(self).values(), vars(other).values()))
 
     @property
     def attempts(self) -> float:
