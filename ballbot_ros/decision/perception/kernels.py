@@ -86,31 +86,21 @@ def line(x: Array, z: Array, variance: Array, begin: int, end: int,
 
 
 @compiled
-def fourth(window: Array) -> float:
-    """Return the fourth smallest of seven values; sorts them."""
-    for last in range(1, 7):
-        value, place = window[last], last
-        while place > 0 and window[place - 1] > value:
-            window[place] = window[place - 1]
-            place -= 1
-        window[place] = value
-    found: float = window[3]
-    return found
-
-
-@compiled
 def write_medians(values: Array, window: Array, found: Array) -> None:
     """Write the (2, n) result of `medians`; `window` is a work array, (7,)."""
     last = len(values) - 1
     for index in range(len(values)):
-        for side in range(7):
-            place = index + side - 3
-            window[side] = values[last - abs(last - abs(place)) if last > 2
-                                  else min(max(place, 0), last)]
-        found[0, index] = fourth(window)
-        for side in range(7):
-            window[side] = abs(window[side] - found[0, index])
-        found[1, index] = fourth(window)
+        for row in range(2):
+            for side in range(7):
+                place = index + side - 3
+                place = last - abs(last - abs(place)) if last > 2 else min(max(place, 0), last)
+                value = values[place] if row == 0 else abs(values[place] - found[0, index])
+                rank = side
+                while rank > 0 and window[rank - 1] > value:
+                    window[rank] = window[rank - 1]
+                    rank -= 1
+                window[rank] = value
+            found[row, index] = window[3]
 
 
 def medians(values: Array) -> Array:
