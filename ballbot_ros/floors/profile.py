@@ -7,7 +7,7 @@ which depend on the position only, and of the steps and drops that were passed o
 """
 from dataclasses import dataclass
 import math
-from typing import Callable, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -194,10 +194,10 @@ def area_height(floor: Floor, place: Point) -> float:
 
 def ranges(floor: Floor, place: Point, headings: Sequence[float], limit: float) -> Array:
     """Return the distance to the first wall in each direction, inf beyond `limit` [m]."""
-    walls = floor.walls
-    found = np.array([_entry(walls[:, :2] - place, walls[:, 2:],
-                             (math.cos(heading), math.sin(heading)), 0.0)
-                      for heading in headings])
+    angles, walls = np.asarray(headings, float)[:, None], floor.walls
+    found: Array = np.maximum(0.0, _touched(
+        walls[:, :2] - place, walls[:, 2:], (np.cos(angles), np.sin(angles))
+    ).min(axis=1, initial=np.inf))
     found[found > limit] = np.inf
     return found
 
@@ -321,17 +321,8 @@ def _entry(centres: Array, halves: Array, along: Point, radius: float) -> float:
     """Return the smallest distance at which a ball from the origin touches rectangles [m]."""
     if not len(centres):
         return math.inf
-    entries = []
-    for wider in np.array([(radius, 0.0), (0.0, radius)])[:2 if radius else 1]:
-        low, far = np.full(len(centres), -np.inf), np.full(len(centres), np.inf)
-        for axis, size in enumerate((halves + wider).T):
-            if abs(along[axis]) < LENGTH_TOLERANCE:
-                far[np.abs(centres[:, axis]) > size] = -np.inf
-                continue
-            one = (centres[:, axis] - size) / along[axis]
-            two = (centres[:, axis] + size) / along[axis]
-            low, far = np.maximum(low, np.minimum(one, two)), np.minimum(far, np.maximum(one, two))
-        entries.append(np.where((low <= far) & (far >= 0.0), low, np.inf))
+    entries = [_touched(centres, halves + wider, along)
+               for wider in np.array([(radius, 0.0), (0.0, radius)])[:2 if radius else 1]]
     if not radius:
         return float(np.maximum(entries, 0.0).min())
     for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
@@ -347,6 +338,24 @@ def _entry(centres: Array, halves: Array, along: Point, radius: float) -> float:
     nearest = np.maximum(np.hypot(*away.T), LENGTH_TOLERANCE)
     share = np.clip(away @ along / nearest, 0.0, 1.0)
     return float(np.min(np.maximum(entries, -np.maximum(radius - nearest, 0.0) * share)))
+
+
+def _touched(centres: Array, halves: Array, along: Tuple[Any, Any]) -> Array:
+    """
+    Return the distance at which a point from the origin touches each rectangle, inf for none [m].
+
+    It is negative for a rectangle around the origin.  Directions may be columns.
+    """
+    low, far = np.full(1, -np.inf), np.full(1, np.inf)
+    for axis in (0, 1):
+        parallel = np.abs(along[axis]) < LENGTH_TOLERANCE
+        rate = np.where(parallel, 1.0, along[axis])
+        one, two = ((centres[:, axis] + side * halves[:, axis]) / rate for side in (-1.0, 1.0))
+        between = np.abs(centres[:, axis]) <= halves[:, axis]
+        low = np.maximum(low, np.where(parallel, -np.inf, np.minimum(one, two)))
+        far = np.minimum(far, np.where(parallel, np.where(between, np.inf, -np.inf),
+                                       np.maximum(one, two)))
+    return np.where((low <= far) & (far >= 0.0), low, np.inf)
 
 
 def _joined(xs: Array, left: Array, right: Array, friction: Array) -> Tuple[Array, Array]:
