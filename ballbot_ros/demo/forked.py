@@ -5,6 +5,7 @@ Processes as copies of this one, which has already imported their modules.
 Importing a node takes a second of processor time.  A process that has initialised ROS cannot be
 copied: the middleware has threads, and a copy has none of them.
 """
+import gc
 from importlib import import_module
 import multiprocessing
 import os
@@ -70,6 +71,9 @@ def import_nodes(names: Iterable[str]) -> None:
     """Import nodes, so that copies of this process start without delay."""
     for name in names:
         import_module(f'ballbot_ros.nodes.{name}.node')
+    # The garbage collection of a copy would visit all these objects, and so copy their memory.
+    gc.collect()
+    gc.freeze()
 
 
 def _run(work: Callable[[], int]) -> None:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Copies of this process: their exit code, their output and their end."""
+import gc
 import os
 from pathlib import Path
 import signal
@@ -9,7 +10,7 @@ import time
 
 import pytest
 
-from ballbot_ros.demo.forked import detached, Forked
+from ballbot_ros.demo.forked import detached, Forked, import_nodes
 from ballbot_ros.demo.signals import ending_by_signal
 
 TIMEOUT = 20.0
@@ -71,3 +72,10 @@ def test_a_detached_process_has_its_own_name_arguments_environment_log_and_sessi
     assert (tmp_path / 'log').read_text() == (
         "('node', ['-p', 'a:=1'], 'red', True)\nan error\n")
     assert os.environ.get('COLOUR') == own
+
+
+def test_the_garbage_collection_of_a_copy_visits_no_earlier_object():
+    def work():
+        import_nodes(())
+        return len(gc.get_objects()) > 1000
+    assert Forked(work).wait(TIMEOUT) == 0
