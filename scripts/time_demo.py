@@ -28,6 +28,8 @@ def main():
         env.setdefault('UV_CACHE_DIR', str(Path(os.environ.get(
             'XDG_CACHE_HOME') or Path.home() / '.cache') / 'uv'))
         env.pop('ROS_DOMAIN_ID', None)  # with it, the scenes run sequentially
+        # With it, every demo compiles the modules that the set-up has not imported.
+        env.pop('PYTHONDONTWRITEBYTECODE', None)
         rows = []
         for name in ('first', 'second'):
             for part, target in (('set-up', 'setup-run'), ('demo', 'demo')):
