@@ -28,8 +28,8 @@ from ballbot_ros.ros.topics import message_class, TOPICS
 CLOCK = '/clock'
 # Timeout of odometry during a goal [s of wall time].
 ODOMETRY_TIMEOUT = 10
-# Timeout for the reception of the last message of a publisher [s]; it takes 5 ms, unless
-# a subscriber has died.
+# Timeout for the reception of the last message of a publisher [s]; it takes up to 0.1 s with the
+# settings in config/fastdds, unless a subscriber has died.
 RECEIVED_TIMEOUT = 0.5
 
 

@@ -27,6 +27,38 @@ class Speaking(Node):
 
 sys.exit(run(Speaking, []))
 """
+LISTENER = """
+import sys
+from rclpy.node import Node
+from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.run import run
+
+class Listening(Node):
+    def __init__(self):
+        super().__init__('listening')
+        create_subscription(self, 'joint_commands', lambda message: None)
+
+sys.exit(run(Listening, []))
+"""
+SPEAKER = """
+import os, time
+import rclpy
+from rclpy.duration import Duration
+from sensor_msgs.msg import JointState
+from ballbot_ros.ros import discovery
+from ballbot_ros.ros.endpoints import create_publisher
+
+discovery.apply(os.environ)
+rclpy.init()
+publisher = create_publisher(rclpy.create_node('speaking'), 'joint_commands')
+while not publisher.get_subscription_count():
+    time.sleep(0.01)
+for _ in range(5):
+    publisher.publish(JointState())
+    print(publisher.wait_for_all_acked(Duration(seconds=1)), flush=True)
+    publisher.wait_for_all_acked(Duration(seconds=30))
+rclpy.try_shutdown()
+"""
 DOMAIN = 231
 # RTPS assigns 250 ports to each domain, which receive all its messages.
 PORTS = range(7400 + 250 * DOMAIN, 7650 + 250 * DOMAIN)
@@ -63,6 +95,21 @@ def test_by_default_a_node_receives_from_this_machine_only(monkeypatch):
     assert not any(protocol.startswith('tcp') for protocol, *_ in found)
     assert 'from this machine only' in said and discovery.SUBNET_SETTING in said
     assert node.returncode == 0
+
+
+def test_a_message_is_acknowledged_before_the_default_heartbeat_of_three_seconds(monkeypatch):
+    for name in (*discovery.DISCOVERY_VARIABLES, *discovery.FAST_DDS_VARIABLES):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(DOMAIN))
+    listener = subprocess.Popen([sys.executable, '-c', LISTENER], stderr=subprocess.DEVNULL)
+    try:
+        said = subprocess.run([sys.executable, '-c', SPEAKER], stdout=subprocess.PIPE, text=True,
+                              check=True, timeout=300.0).stdout
+    finally:
+        listener.terminate()
+        listener.wait()
+    # A busy machine may delay some of them.
+    assert said.count('True') > said.count('False'), said
 
 
 @pytest.mark.parametrize('choice', [
