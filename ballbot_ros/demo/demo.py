@@ -349,11 +349,14 @@ class RecordedSimulation:
         while not all(client.service_is_ready()
                       for client in (self._reset, self._resume, self._step)):
             yield None
-        while not set(self._topics) <= self._bag.recorded.keys():
+        def received() -> bool:
+            return set(self._topics) <= self._bag.recorded.keys()
+        while not received():
             answer, called = self._reset.call_async(Trigger.Request()), time.monotonic()
             # The simulator must not be reset after it has started.
-            while (waited := time.monotonic() - called) < RESET_PERIOD or (
-                    not answer.done() and waited < RESET_PERIOD + LONGEST_ANSWER):
+            while not (answer.done() and received()) and (
+                    (waited := time.monotonic() - called) < RESET_PERIOD or (
+                        not answer.done() and waited < RESET_PERIOD + LONGEST_ANSWER)):
                 yield None
         if self._free_running:
             self._resume.call_async(Trigger.Request())
