@@ -325,7 +325,7 @@ def refuse_missing(parts: Iterable[tuple[Type[Checked], Mapping[str, Any], str]]
     for cls, entries, where in parts:
         described = {item.name: item for item in fields(cls) if 'kind' in item.metadata}
         with problems.collected():
-            refuse_unknown(entries, described, where)
+            refuse_unknown(entries, [item.name for item in fields(cls) if item.metadata], where)
         # A misspelt key is not reported as missing as well.
         misspelt = {near for key in entries if key not in described
                     for near in get_close_matches(key, described, 1, 0.6)}

@@ -219,8 +219,8 @@ class Robot(Checked):
         'k p (1 - lambda v)', default='kelvin_voigt', choices=CONTACT_LAWS)
     contact_dissipation: float = quantity(
         's/m', 'dissipation of the shell, lambda, of hunt_crossley', minimum=0.0, default=0.0)
-    motor: Optional[Motor] = None
-    steering: Optional[Steering] = None
+    motor: Optional[Motor] = field(default=None, metadata={'part': Motor})
+    steering: Optional[Steering] = field(default=None, metadata={'part': Steering})
     provenance: Mapping[str, Provenance] = field(
         default_factory=lambda: MappingProxyType({}), compare=False, repr=False)
 
@@ -451,7 +451,8 @@ class Parameters(NamedTuple):
 
 
 # The sections of a robot file.
-PARTS: Mapping[str, Type[Checked]] = {'motor': Motor, 'steering': Steering}
+PARTS: Mapping[str, Type[Checked]] = {
+    item.name: item.metadata['part'] for item in fields(Robot) if 'part' in item.metadata}
 
 # A robot, or the name or the file of one.
 RobotLike = Union[Robot, str, Path]

@@ -53,6 +53,7 @@ def with_line(name, line):
 @pytest.mark.parametrize('name, line, words', [
     ('ball_mass', 'ball_mas: 3.8', ["'ball_mas'", "did you mean 'ball_mass'"]),
     ('ball_mass', 'weight: 3.8', ["'weight'", 'known names: ', 'ball_inertia', 'slip_threshold']),
+    ('motor', 'motr: {gear_ratio: 50}', ["'motr'", "did you mean 'motor'"]),
     ('motor', 'motor: {gear_ratio: 50}', ['motor: gear_efficiency is missing (torque out',
                                           'maximum_torque is missing']),
     ('ball_mass', '', ['ball_mass is missing', 'mass of the ball', 'more than 0 kg']),
