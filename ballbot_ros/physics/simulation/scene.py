@@ -30,10 +30,13 @@ class Initial(Checked):
     pendulum_angle_deg: float = quantity('deg', 'absolute pendulum angle', default=0.0)
     pendulum_rate: float = quantity('rad/s', 'absolute pendulum rate', default=0.0)
     y: Optional[float] = quantity('m', 'height of the ball centre', optional=True)
-    velocity_x: Optional[float] = quantity('m/s', 'velocity to the right', optional=True)
-    velocity_y: Optional[float] = quantity('m/s', 'velocity upwards', optional=True)
+    velocity_x: Optional[float] = quantity(
+        'm/s', 'velocity to the right, instead of that of speed', optional=True)
+    velocity_y: Optional[float] = quantity(
+        'm/s', 'velocity upwards, instead of that of speed', optional=True)
     ball_rate: Optional[float] = quantity(
-        'rad/s', 'ball rate, negative for rolling forward', optional=True)
+        'rad/s', 'ball rate, negative for rolling forward, instead of that of speed',
+        optional=True)
 
     def state(self, model: Model) -> State:
         """Return the initial state for a model."""
@@ -247,6 +250,10 @@ def _read_solver(content: Mapping[str, Any], where: str) -> Optional[Solver]:
     if 'solver' not in content:
         return None
     section = content['solver']
+    if content.get('accuracy') is not None:
+        raise ConfigurationError(
+            f'{where}: has no effect with an accuracy ({content["accuracy"]} m), which selects '
+            'the solver; leave out one of them', 'inconsistent', 'solver')
     if not isinstance(section, str):
         return Solver.from_mapping(section, where)
     if section not in PRESETS:

@@ -142,6 +142,8 @@ def test_files_without_a_valid_mapping_are_refused(tmp_path, load, text, words):
     ('duration: 1.0', 'duration: 1.0\nsolver: {method: euler}',
      ['solver', 'method', "'euler'", 'rk4', 'semi_implicit']),
     ('duration: 1.0', 'duration: 1.0\nsolver: {step: 1}', ['solver', 'step', 'at most 0.1 s']),
+    ('duration: 1.0', 'duration: 1.0\naccuracy: 1.0e-4\nsolver: {method: rk4}',
+     ['solver', 'no effect with an accuracy', '0.0001 m']),
     ('duration: 1.0', 'duration: 1.0\nsolver: {step: 0}', ['solver', 'step', 'more than 0']),
     ('duration: 1.0', 'duration: 1.0\ncontact: {pulling: 1}',
      ['contact', 'pulling', 'true or false', 'got 1']),
