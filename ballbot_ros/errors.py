@@ -79,7 +79,8 @@ class ConfigurationError(_ErrorWithReason, ValueError):
         """Return the error with a location, for instance a file, in front of its message."""
         if self.problems:
             return ConfigurationError.of([problem.at(place) for problem in self.problems])
-        return ConfigurationError(f'{place}: {self}', self.reason, self.field)
+        message = str(self).removeprefix(f'{place.rpartition(": ")[2]}: ')
+        return ConfigurationError(f'{place}: {message}', self.reason, self.field)
 
     @classmethod
     def of(cls, problems: Sequence['ConfigurationError']) -> 'ConfigurationError':

@@ -152,7 +152,7 @@ def test_files_without_a_valid_mapping_are_refused(tmp_path, load, text, words):
     ('x: 0.2', 'x: far', ['initial', 'x', 'any finite number in m', "'far'"]),
     ('x: 0.2', 'y: .nan', ['initial', 'y', 'any finite number in m', 'nan']),
     ('x: 0.2', 'xx: 0.2', ['initial', "'xx'"]),
-    ('voltage: 5.0', 'voltage: 13', ['actuation', 'voltage', '+-12 V', 'got 13']),
+    ('voltage: 5.0', 'voltage: 13', ['.yaml: actuation: voltage', '+-12 V', 'got 13']),
     ('voltage: 5.0', 'voltag: 5', ['actuation', "'voltag'", "did you mean 'voltage'"]),
     ('law: voltage, voltage: 5.0', 'law: pd',
      ['actuation', 'law', "'pd'", 'free, position, velocity, voltage, torque']),
