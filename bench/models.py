@@ -27,7 +27,7 @@ LEVELS = (1e-4, 1e-5, 1e-6)  # the errors at which times are compared [m]
 REPEATS = 25
 LOOKS = 200        # states of a run at which the contact search is timed
 AT_REST = 1e-9     # largest swing of a pendulum at rest [rad]
-COLUMNS = {'pendulum': 'pendulum', 'search': 'search for contacts', 'ledger': 'energy ledger',
+COLUMNS = {'pendulum': 'pendulum', 'search': 'search for contacts', 'ledger': 'energy balance',
            'flight': 'steps in flight', 'all': 'all of them'}
 # A massless pendulum, to time the pendulum equations for a robot without one.
 WEIGHTLESS = {'pendulum_mass': 1e-9, 'pendulum_length': 0.05, 'pendulum_inertia': 1e-9}

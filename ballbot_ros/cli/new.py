@@ -71,8 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
 def template(kind: str, sections: list[Any]) -> str:
     """Return the text of a file: the given values, and all other values as comments."""
     what = KINDS[kind][0]
-    head = f'# {what[0].upper()}{what[1:]}. Units are SI. A line that begins with # shows the ' \
-        f'default: remove the # to change it.{SCALING if kind == "robot" else ""}'
+    head = f'# {what[0].upper()}{what[1:]}. Units are SI. A commented line shows the default: ' \
+        f'uncomment it to change the value.{SCALING if kind == "robot" else ""}'
     parts = [textwrap.fill(head, WIDTH, subsequent_indent='# ') + '\n']
     for section in sections:
         parts.append(section.text or ''.join(f'{line}\n' for line in _lines(section)))

@@ -153,4 +153,4 @@ def _energy_panels(run: Trajectory) -> Iterator[Panel]:
         Series('dissipated', run.dissipated_energy, canvas.VERMILION, '--'),
         *(motor if run.model.robot.has_pendulum else ())), height=1.7)
     yield Panel('residual [J]', (
-        Series('of the energy ledger', run.energy_residual, canvas.PURPLE),), height=0.8)
+        Series('of the energy balance', run.energy_residual, canvas.PURPLE),), height=0.8)

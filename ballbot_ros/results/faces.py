@@ -27,7 +27,7 @@ class FaceMeeting:
 
     x: float  # of the foot of the face [m]
     height: float  # from foot to top [m]
-    touch_time: Optional[float] = None  # of the first touch [s]; None if there was none
+    touch_time: Optional[float] = None  # [s], at most 1 ms after the first touch; None without one
     touch_speed: Optional[float] = None  # of the centre just before the first touch [m/s]
     passed: bool = False  # the centre passed the top, with the contact below it
 

@@ -224,8 +224,8 @@ class Trajectory:
         if column not in UNITS:
             near = get_close_matches(str(column), UNITS, 1)
             raise KeyError(f'{column!r} is not a column'
-                           + (f'; did you mean {near[0]!r}?' if near else ';')
-                           + f' There are {", ".join(UNITS)}')
+                           + (f'; did you mean {near[0]!r}?' if near else '')
+                           + f'; the columns are {", ".join(UNITS)}')
         return self.columns[column]
 
     def __iter__(self) -> Iterator[str]:
