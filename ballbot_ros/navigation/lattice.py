@@ -8,7 +8,7 @@ arc to a neighbouring heading; it ends exactly on a state, and its curvature is 
 the robot (Pivtoraiko and Kelly, 2005).  Each primitive exists forward and backward.
 """
 import math
-from typing import Dict, List, NamedTuple, Tuple
+from typing import Any, Dict, List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ LEVELS = 50
 # Maximum number of nodes of a search; results of `expand` and `_place` that are no nodes.
 NODES_MAX = 1 << 22
 NONE, FULL, EXCLUDED = -1, -2, -3
+NO_STATES, NO_TIMES = np.zeros(0, np.int64), np.zeros(0)
 
 
 class Primitive(NamedTuple):
@@ -168,7 +169,7 @@ class Problem(NamedTuple):
         A heading of -1 means any.
     slowness : (cells,) array
         Factor on times in a cell; infinite where the centre must not be, and at the border.
-    heuristic : (cells,) array
+    heuristic : (cells * 16,) array
         Lower bound of the time to the goal [s], inflated by `route.HEURISTIC_FACTOR`.
     moves : Moves
     reversal : float
@@ -328,55 +329,116 @@ def _pop(heap_costs: NDArray[np.float64], heap_nodes: NDArray[np.int32], size: i
     heap_costs[place], heap_nodes[place] = cost, node
 
 
-def distances(goal: int, slowness: NDArray[np.float64], starts: NDArray[np.int64],
-              ends: NDArray[np.int64], lengths: NDArray[np.float64]
-              ) -> Tuple[NDArray[np.float64], NDArray[np.int64]]:
+def turning_times(goals: NDArray[np.int64], starts: NDArray[np.int64],
+                  slowness: NDArray[np.float64], paces: Sequence[float], turn: float,
+                  arcs: Sequence[NDArray[Any]] = (NO_STATES, NO_STATES, NO_TIMES)
+                  ) -> NDArray[np.float64]:
     """
-    Return the distance from each cell to the goal cell along the 16 headings [cells].
+    Return the times from all states to the goal of a point that turns in place [s].
 
-    Each step is weighted by the lower slowness of its two cells.  The resulting times are lower
-    bounds for those of moves, which use the highest slowness of their cells.  Arcs connect cells.
-    The second array contains the next cell on the path, -1 for none.
+    They are computed by Dijkstra's algorithm with buckets (Dial, 1969) up to the farthest of
+    `starts`; states that are farther have the time at which the computation ended, a lower bound.
+
+    Parameters
+    ----------
+    goals, starts : (n,), (m,) arrays of int64
+        States.
+    slowness : (rows, columns) array
+        Factor on the times of steps that end in a cell in the direction of travel; infinite at
+        the border.
+    paces : (float, float)
+        Time per length along the heading, forward and backward [s/cell].
+    turn : float
+        Time of a turn to the next heading [s].
+    arcs : (k,), (k,), (k,) arrays
+        Start and end states, and times [s], of further connections.
+
     """
-    far, following = np.full(slowness.size, math.inf), np.full(slowness.size, -1, np.int64)
-    order, most = np.argsort(ends), COUNT * slowness.size + len(ends)
-    _measure(goal, slowness, starts[order], ends[order], lengths[order], far, following,
-             np.empty(most), np.empty(most, np.int32))
-    return far, following
+    arc_starts, arc_ends, arc_times = arcs
+    count, order = COUNT * slowness.size, np.argsort(arc_ends)
+    far, width = np.full(count, math.inf), min(paces)
+    longest = max(turn, *arc_times, max(LENGTHS) * max(paces) * slowness[
+        slowness < math.inf].max(initial=1.0))
+    after, before = np.full((2, count + 2 + int(longest / width)), NONE, np.int32)
+    index = np.zeros(slowness.size + 1, np.int64)
+    index[1:] = np.cumsum(np.bincount(arc_ends // COUNT, minlength=slowness.size))
+    limit = _spread(goals, starts, slowness.ravel(), slowness.shape[1], np.array(paces), turn,
+                    index, arc_starts[order], arc_ends[order], arc_times[order], width, far,
+                    after, before)
+    np.minimum(far, limit, out=far)
+    return far
 
 
 @compiled
-def _measure(goal: int, slowness: NDArray[np.float64], starts: NDArray[np.int64],
-             ends: NDArray[np.int64], lengths: NDArray[np.float64], far: NDArray[np.float64],
-             following: NDArray[np.int64], heap_costs: NDArray[np.float64],
-             heap_nodes: NDArray[np.int32]) -> None:
-    """Compute the results of `distances` from arcs sorted by their ends."""
-    rows, columns = slowness.shape
-    far[goal] = heap_costs[0] = 0.0
-    heap_nodes[0], size = goal, 1
-    while size > 0:
-        cost, node = heap_costs[0], heap_nodes[0]
-        _pop(heap_costs, heap_nodes, size)
-        size -= 1
-        if cost > far[node]:
+def _link(after: NDArray[np.int32], before: NDArray[np.int32], node: int, first: int) -> None:
+    """Add a node behind the first one of a list."""
+    after[node], before[node] = after[first], first
+    before[after[first]] = after[first] = node
+
+
+@compiled
+def _unlink(after: NDArray[np.int32], before: NDArray[np.int32], node: int) -> None:
+    """Remove a node from its list."""
+    after[before[node]], before[after[node]] = after[node], before[node]
+    before[node] = NONE
+
+
+@compiled
+def _spread(goals: NDArray[np.int64], starts: NDArray[np.int64], slowness: NDArray[np.float64],
+            columns: int, paces: NDArray[np.float64], turn: float, index: NDArray[np.int64],
+            arc_starts: NDArray[np.int64], arc_ends: NDArray[np.int64],
+            arc_times: NDArray[np.float64], width: float, far: NDArray[np.float64],
+            after: NDArray[np.int32], before: NDArray[np.int32]) -> float:
+    """
+    Compute the times of `turning_times` in `far`; return the time up to which they are exact.
+
+    The buckets are circular doubly linked lists, whose first nodes follow the states in `after`
+    and `before`.  `index` has the first of the sorted arcs that end in each cell.
+    """
+    buckets = len(after) - len(far)
+    for first in range(len(far), len(after)):
+        after[first] = before[first] = first
+    queued, bucket = 0, 0
+    for goal in goals:
+        far[goal] = 0.0
+        _link(after, before, goal, len(far))
+        queued += 1
+    while queued > 0:
+        first = len(far) + bucket % buckets
+        state = after[first]
+        if state == first:
+            bucket += 1
+            farthest = 0.0
+            for start in starts:
+                farthest = max(farthest, far[start])
+            if farthest < bucket * width:
+                return bucket * width
             continue
-        row, column = node // columns, node % columns
-        item, first = 0, np.searchsorted(ends, node)
-        while item < 16 or first + item - 16 < len(ends) and ends[first + item - 16] == node:
-            before, length = -1, math.inf
-            if item >= 16:
-                before, length = starts[first + item - 16], lengths[first + item - 16]
+        _unlink(after, before, state)
+        queued -= 1
+        cell, heading, base = state // 16, state % 16, far[state]
+        step = 16 * (VECTORS[heading][1] * columns + VECTORS[heading][0])
+        length = LENGTHS[heading] * slowness[cell]
+        for item in range(4 + index[cell + 1] - index[cell]):
+            if item < 2:
+                state_before, cost = 16 * cell + (heading + 1 - 2 * item) % 16, base + turn
+            elif item < 4:
+                state_before = state + (2 * item - 5) * step
+                cost = base + paces[item - 2] * length
             else:
-                r, c = row + VECTORS[item][1], column + VECTORS[item][0]
-                if 0 <= r < rows and 0 <= c < columns:
-                    before, one, two = r * columns + c, slowness[r, c], slowness[row, column]
-                    if one + two < math.inf:
-                        length = LENGTHS[item] * min(one, two)
-            item += 1
-            if before >= 0 and cost + length < far[before]:
-                far[before], following[before] = cost + length, node
-                _push(heap_costs, heap_nodes, size, cost + length, before)
-                size += 1
+                arc = index[cell] + item - 4
+                if arc_ends[arc] != state:
+                    continue
+                state_before, cost = arc_starts[arc], base + arc_times[arc]
+            if 0 <= state_before < len(far) and cost < far[state_before] \
+                    and slowness[state_before // 16] < math.inf:
+                if before[state_before] != NONE:
+                    _unlink(after, before, state_before)
+                    queued -= 1
+                far[state_before] = cost
+                _link(after, before, state_before, len(far) + int(cost / width) % buckets)
+                queued += 1
+    return math.inf
 
 
 @compiled
@@ -400,7 +462,7 @@ def expand(problem: Problem, tree: SearchTree, newest: NDArray[np.int32]) -> int
     for node in range(size):
         states[node], costs[node], closed[node] = starts[node], start_costs[node], False
         parents[node], moves[node], levels[node], backward[node] = -1, -1, 0, False
-        _push(heap_costs, heap_nodes, node, costs[node] + heuristic[states[node] // 16], node)
+        _push(heap_costs, heap_nodes, node, costs[node] + heuristic[states[node]], node)
     count = size
     while size > 0:
         expanded = heap_nodes[0]
@@ -443,7 +505,7 @@ def expand(problem: Problem, tree: SearchTree, newest: NDArray[np.int32]) -> int
                 if new_level > most_level or parents[expanded] < 0 and not aligned[arc]:
                     continue
                 target, cost, move = arc_ends[arc], base + arc_times[arc], -2 - arc
-            cost_to_goal = cost + heuristic[target // 16]
+            cost_to_goal = cost + heuristic[target]
             if cost_to_goal == math.inf:
                 continue
             node = _place(tree, newest, target, new_level, side, cost, reversal)

@@ -5,8 +5,8 @@ Routes on a floor, for a ball that turns only while it rolls and crosses steps w
 The search is A* on a lattice of poses (`lattice`): its primitives have a curvature that the ball
 can drive, forward or backward.  A crossing is an edge of the same graph, from the pose at rest
 where its run-up starts to the pose behind the step.  Cost is expected time; the product of the
-crossings' probabilities has a lower bound.  The heuristic is the time of a freely turning point
-(Dijkstra's algorithm).
+crossings' probabilities has a lower bound.  The heuristic is the time of a point that turns
+in place (Dijkstra's algorithm).
 """
 from dataclasses import replace
 from itertools import groupby
@@ -27,8 +27,8 @@ from ballbot_ros.floors.profile import area_height, crossings, crossings_between
 from ballbot_ros.navigation.capability import (
     Capability, CrossingPlan, ROOM_MAX, RUN_UPS)
 from ballbot_ros.navigation.lattice import (
-    CELL_SHARE, COUNT, distances, free_steps, HEADINGS, LEVELS, Moves, primitives, Problem, Tree,
-    VECTORS)
+    CELL_SHARE, COUNT, free_steps, HEADINGS, LENGTHS, LEVELS, Moves, primitives, Problem, Tree,
+    turning_times, VECTORS)
 from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.navigation.sensing import FACE_HEIGHT_MIN
 from ballbot_ros.navigation.tracking import steered
@@ -237,8 +237,14 @@ class RoutePlanner:
                 speed, ARC_SPEED if item.curvature else speed,
                 BACKWARD_SPEED if item.direction < 0 else speed) for item in self._rows],
             self._map_clear.shape[1])
-        # Shortest time per length of the polylines along the headings [s/cell].
-        self._pace = float((self._moves.times / [item.lines for item in self._rows]).min())
+        # Times of a point that turns in place at the corners of the primitives' polylines, lower
+        # bounds of those of the primitives: per length [s/cell], and of a turn [s].
+        times, back = self._moves.times, self._moves.backward
+        lines = np.array([item.lines for item in self._rows])
+        turns = np.array([item.start != item.end for item in self._rows])
+        pace = float((times / lines)[~back].min())
+        self._turn = float((times - pace * lines)[turns & ~back].min())
+        self._paces = pace, float(((times - self._turn * turns) / lines)[back].min())
         self.learn(learned)
 
     def learn(self, learned: Learned) -> None:
@@ -411,11 +417,12 @@ class RoutePlanner:
             heights.at(x, y + beside) - heights.at(x, y - beside)) / SLOPE_LENGTH)
         return found
 
-    def _far(self, last: int, slowness: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the time from each cell to the cell `last` for a freely turning point [s]."""
-        starts, ends, times, _ = self._arc_arrays
-        return self._pace * distances(last, slowness, starts // COUNT, ends // COUNT,
-                                      times / self._pace)[0]
+    def _far(self, last: int, heading: int, slowness: NDArray[np.float64],
+             states: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return lower bounds of the times from all states to a cell [s], for given starts."""
+        return turning_times(
+            last * COUNT + np.arange(COUNT)[heading if heading >= 0 else slice(None)].ravel(),
+            states, slowness, self._paces, self._turn, self._arc_arrays[:3])
 
     def _around(self, line: Tuple[Point, Point], margin: float
                 ) -> Tuple[Tuple[slice, slice], NDArray[np.float64]]:
@@ -739,7 +746,7 @@ class RoutePlanner:
         last = self._node(goal)
         heading = -1 if len(goal) < 3 else min(range(COUNT), key=lambda item: abs(
             math.remainder(HEADINGS[item] - goal[2], 2.0 * math.pi)))
-        far = self._far(last, slowness)
+        far = self._far(last, heading, slowness, states)
         aligned = np.isin(self._arc_arrays[0], states)
         for item in np.flatnonzero(aligned if len(start) > 2 else []):
             aligned[item] = self.aligned(start, self._offered[item].segment)
@@ -751,7 +758,7 @@ class RoutePlanner:
                 states, costs, last, heading, slowness, far, aligned, leaving, LEVELS**2)
             if not math.isfinite(time):
                 self._refuse(*self._shortest(start, last),
-                             math.isfinite(far[states // COUNT].min()))
+                             math.isfinite(far[states].min()))
             taken = [item for item in self._segments(path, slowness) if item.crossing]
             raise RefusedError(
                 'no route reaches the required probability of '
@@ -780,8 +787,9 @@ class RoutePlanner:
 
     def warm_up(self) -> None:
         """Compile the search, or load its compiled code."""
-        self._find(np.zeros(1, np.int64), np.zeros(1), 0, -1, self._slowness,
-                   self._far(0, self._slowness),
+        state = np.zeros(1, np.int64)
+        self._find(state, np.zeros(1), 0, -1, self._slowness,
+                   self._far(0, -1, self._slowness, state),
                    np.zeros(len(self._offered), bool), np.ones(2, bool))
 
     def _find(self, states: NDArray[np.int64], costs: NDArray[np.float64], last: int, heading: int,
@@ -791,8 +799,8 @@ class RoutePlanner:
         """
         Search from states with their costs to a cell.
 
-        `far` contains lower bounds of the time to the cell [s].  At the start, crossings that are
-        not `aligned` and motions in directions that are not `leaving` are excluded.
+        `far` contains lower bounds of the times to the cell, see `_far`.  At the start, crossings
+        that are not `aligned` and motions in directions that are not `leaving` are excluded.
         """
         return self._tree.find(Problem(
             states, costs, last, heading, slowness.ravel(), HEURISTIC_FACTOR * far, self._moves,
@@ -924,15 +932,16 @@ class RoutePlanner:
 
     def _shortest(self, start: Sequence[float], last: int) -> Tuple[float, List[Tuple[int, int]]]:
         """Return the shortest path's length if each step could be crossed, and its crossings."""
-        none, first = np.zeros(0, np.int64), self._node(start)
+        first, columns = self._node(start), self._walls.shape[1]
         closed = self._fixed & np.isinf(self._opened(start))
-        far, following = distances(
-            last, np.where(closed, np.inf, 1.0), none, none, np.zeros(0))
+        far = turning_times(np.array([last * COUNT]), np.array([first * COUNT]),
+                            np.where(closed, np.inf, 1.0), (1.0, 1.0), 0.0)[::COUNT]
         if not math.isfinite(far[first]):
             return math.inf, []
-        nodes = [first]
+        nodes, steps = [first], np.array(VECTORS) @ (1, columns)
         while nodes[-1] != last:
-            nodes.append(int(following[nodes[-1]]))
+            around = nodes[-1] + steps
+            nodes.append(int(around[np.argmin(LENGTHS + far.take(around, mode='clip'))]))
         points = [self._point(node) for node in nodes]
         found = dict.fromkeys(
             (number, sign) for one, two in zip(points, points[1:])

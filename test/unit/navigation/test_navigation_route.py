@@ -234,6 +234,30 @@ def test_no_route_comes_near_stairs_or_through_walls(flat, ends):
         assert flat.floor.cells[flat.floor.cell_of((x, y))] == 0
 
 
+@pytest.mark.parametrize('heading', [-1, 0, 5])
+@pytest.mark.parametrize('whole', [True, False])
+def test_the_heuristic_is_consistent_and_contains_the_time_of_turns(heading, whole, tmp_path):
+    planner = planner_of(
+        tmp_path, ['{kind: step, line: [[1.6, 0.05], [1.6, 2.95]], height: 0.01}'], (5, 3),
+        '[[[3.2, 1.8], [3.2, 3.0]]]')
+    moves, slowness, goal = planner._moves, planner._slowness.ravel(), planner._node((4.3, 2.0))
+    start = COUNT * planner._node((0.7, 1.0))
+    # No path leads to the corner of the grid: it makes the result exact for all states.
+    far = planner._far(goal, heading, planner._slowness, np.array([0 if whole else start]))
+    assert far[COUNT * goal + max(heading, 0)] == 0.0
+    cells = np.flatnonzero(np.isfinite(slowness))
+    for move, (end, way, time) in enumerate(zip(moves.ends, moves.cells, moves.times)):
+        before = COUNT * cells + move * COUNT // len(moves.ends)
+        most = slowness.take(cells[:, None] + way, mode='clip').max(axis=1)
+        bound = time * most + far.take(before + end, mode='clip')
+        assert (far[before] <= bound + 1e-9)[np.isfinite(most)].all()
+    starts, ends, times, _ = planner._arc_arrays
+    assert len(starts) and (far[starts] <= times + far[ends] + 1e-9).all()
+    if whole:
+        # A ball that faces away from the goal turns, or drives backward.
+        assert far[start + COUNT // 2] > far[start] + 1.0
+
+
 def exhaustive(planner, start, goal):
     """Return the least time over all states and risk levels, by Dijkstra's algorithm [s]."""
     from scipy import sparse
