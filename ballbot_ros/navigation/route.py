@@ -758,7 +758,7 @@ class RoutePlanner:
                 states, costs, last, heading, slowness, far, aligned, leaving, LEVELS**2)
             if not math.isfinite(time):
                 self._refuse(*self._shortest(start, last),
-                             math.isfinite(far[states].min()))
+                             bool(np.isfinite(far[states]).any()))
             taken = [item for item in self._segments(path, slowness) if item.crossing]
             raise RefusedError(
                 'no route reaches the required probability of '

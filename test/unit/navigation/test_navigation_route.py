@@ -407,6 +407,13 @@ def test_a_start_close_to_a_wall_is_not_reported_as_separated_from_the_goal(flat
     assert caught.value.reason == 'no_route' and 'turn' in str(caught.value)
 
 
+def test_a_start_from_which_no_state_is_reached_is_refused(flat):
+    # No free cell around the ball is close enough to its line.
+    with pytest.raises(RefusedError) as caught:
+        flat.route((5.67, 0.41, -0.37), KITCHEN)
+    assert caught.value.reason == 'no_route'
+
+
 def test_the_distance_kept_from_a_step_depends_on_its_measured_height(tmp_path):
     planner = planner_of(tmp_path, ['{kind: step, line: [[2.0, 4.0], [2.0, 0.0]], height: 0.05}'])
     beside = (1.84, 2.0)
