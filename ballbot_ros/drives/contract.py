@@ -46,7 +46,11 @@ class SerialLine(Protocol):
         """Return the received data, without waiting."""
 
     def wait(self, seconds: float, least: int = 1) -> bool:
-        """Wait for a number of bytes, where supported, and return whether there are any."""
+        """
+        Wait for bytes and return whether there are any [s].
+
+        Where supported, fewer than `least` since the last write do not end the wait.
+        """
 
     def close(self) -> None:
         """Close the line; closing twice is allowed."""

@@ -52,7 +52,7 @@ class Transfer(Protocol):
         """Return the received data."""
 
     def wait(self, seconds: float, least: int) -> bool:
-        """Wait for a number of bytes, where supported, and return whether there are any."""
+        """Wait for bytes, `least` since the last write; return whether there are any."""
 
 
 class Descriptor:
@@ -67,6 +67,7 @@ class Descriptor:
         self._alone = [number]
         self._doubtful = True  # whether an empty read may mean a hang-up
         self._least = 1
+        self._received = 0  # bytes since the last write
         self._state, self._room = select.poll(), select.poll()
         self._state.register(number, 0)  # poll always reports a hang-up
         self._room.register(number, select.POLLOUT)
@@ -78,6 +79,7 @@ class Descriptor:
             return b''
         if data:
             self._doubtful = False
+            self._received += len(data)
         elif self._doubtful:
             # A read of a terminal after a hang-up is empty, too.
             if self._state.poll(0):
@@ -87,6 +89,7 @@ class Descriptor:
         return data
 
     def write(self, data: bytes) -> bool:
+        self._received = 0
         written = self._written(data)
         if written == len(data):
             return True
@@ -98,8 +101,9 @@ class Descriptor:
         return True
 
     def wait(self, seconds: float, least: int = 1) -> bool:
-        if least != self._least:
-            self._set_minimum(least)
+        missing = max(1, least - self._received)  # the end of a longer reply may be one byte
+        if missing != self._least:
+            self._set_minimum(missing)
         # Only select does not round the timeout to milliseconds.
         ready, _, _ = select.select(self._alone, (), (), seconds if seconds > 0.0 else 0.0)
         if ready:
@@ -187,8 +191,8 @@ class Link:
         """
         Wait until bytes can be read, or a time has passed [s]; return whether there are any.
 
-        Where supported, fewer bytes than `least`, at most 255, do not end the wait; a change of
-        `least` takes system calls.  Raises `LinkError` if the port is gone.
+        Where supported, fewer bytes than `least` since the last write, at most 255, do not end the
+        wait; a change of their number takes system calls.  Raises `LinkError` if the port is gone.
         """
         return bool(self._attempt((self._transfer or self._closed()).wait, seconds, least))
 

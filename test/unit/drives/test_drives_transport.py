@@ -224,6 +224,7 @@ def test_a_reply_that_comes_in_pieces_is_returned_once_there_is_enough_of_it(ter
         assert not link.wait(0.02, least=5)
         os.write(master, b'5')
         assert link.wait(1.0, least=5) and link.read() == b'12345' and link.read() == b''
+        link.write(b'request')
         os.write(master, b'1234')
         assert not link.wait(0.02, least=5)
         assert link.read() == b'1234'  # fewer bytes are read but not reported
@@ -233,6 +234,19 @@ def test_a_reply_that_comes_in_pieces_is_returned_once_there_is_enough_of_it(ter
         with refused('gone', error=LinkError):
             link.wait(0.02, least=5)
             link.read()
+
+
+def test_the_end_of_a_reply_longer_than_the_shortest_ends_a_wait_too(terminal):
+    master, path = terminal
+    with Link(path, 115200) as link:
+        for _ in range(2):
+            link.write(b'request')
+            os.write(master, b'1234')
+            assert not link.wait(0.02, least=5)
+            os.write(master, b'5')
+            assert link.wait(1.0, least=5) and link.read() == b'12345'
+            os.write(master, b'6')
+            assert link.wait(1.0, least=5) and link.read() == b'6'
 
 
 def test_a_device_that_has_hung_up_is_gone_and_one_that_is_silent_is_not():
