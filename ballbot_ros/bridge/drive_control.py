@@ -41,7 +41,7 @@ class Pacer(NamedTuple):
     """
 
     period: float
-    waiting: bool = False  # a command waits to be sent
+    waiting: int = 0  # commands since the last torque
     repeating: bool = False
     torque_sent: float = -math.inf
     next_torque: float = -math.inf  # by the average rate of the link
@@ -50,23 +50,29 @@ class Pacer(NamedTuple):
     pause: float = 0.0  # before `next_arm`
 
     def commanded(self) -> 'Pacer':
-        """Record a command; if the rate limit delays it, the next tick sends it."""
+        """Record a command; if the rate limit delays it, a tick sends it, or the next one."""
         # Here and below the constructor is used: `_replace` takes longer than the decision.
-        return self if self.waiting else Pacer(self.period, True, *self[2:])
+        return Pacer(self.period, self.waiting + 1, *self[2:])
 
     def has_room(self, now: float) -> bool:
         """Return whether a torque may be sent between two ticks."""
         return now >= self.next_torque - SEND_LEAD * self.period
 
     def is_torque_due(self, now: float) -> bool:
-        """Return whether a tick must send a torque."""
-        return (self.waiting or self.repeating
+        """
+        Return whether a tick must send a torque.
+
+        The only command since the last torque is sent if that leaves room for the next one, which
+        replaces it otherwise: commands at the rate of the loop would all wait for a tick.
+        """
+        return (self.repeating or self.waiting > 1
+                or self.waiting == 1 and self.has_room(now - self.period)
                 or now - self.torque_sent >= REPEAT * self.period)
 
     def sent_torque(self, now: float) -> 'Pacer':
         """Record a sent torque, new or repeated."""
         due = self.next_torque if self.next_torque > now else now
-        return Pacer(self.period, False, not self.waiting, now, due + self.period, *self[5:])
+        return Pacer(self.period, 0, not self.waiting, now, due + self.period, *self[5:])
 
     def is_stop_due(self, now: float) -> bool:
         """Return whether to repeat an unconfirmed stop."""
@@ -74,7 +80,7 @@ class Pacer(NamedTuple):
 
     def sent_stop(self, now: float) -> 'Pacer':
         """Record a sent stop and drop the waiting command."""
-        return self._replace(waiting=False, stop_sent=now)
+        return self._replace(waiting=0, stop_sent=now)
 
     def may_arm(self, now: float) -> bool:
         """Return whether an attempt to arm is allowed."""

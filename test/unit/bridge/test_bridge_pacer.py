@@ -32,8 +32,8 @@ def test_a_command_ends_the_repetition():
 def test_a_command_that_has_to_wait_is_due_at_the_next_tick_and_is_sent_once():
     sent = NEW.commanded().sent_torque(10.0)
     waiting = sent.commanded()
-    assert waiting.is_torque_due(10.0)
-    assert not waiting.sent_torque(10.0).is_torque_due(10.0 + PERIOD)
+    assert waiting.is_torque_due(10.0 + PERIOD)
+    assert not waiting.sent_torque(10.0 + PERIOD).is_torque_due(10.0 + 2.0 * PERIOD)
 
 
 def test_a_burst_has_two_torques_and_the_average_is_one_per_period():
@@ -45,6 +45,26 @@ def test_a_burst_has_two_torques_and_the_average_is_one_per_period():
             sent.append(now)
     assert len(sent) == pytest.approx(100, abs=2)
     assert sum(now < 10.0 + 0.49 * PERIOD for now in sent) == 2  # and not three
+
+
+def test_commands_after_a_late_one_are_sent_on_arrival():
+    arrivals = [number + 0.2 for number in range(20)]
+    arrivals[5] += 0.9  # the tick at 6 repeats the previous torque
+    events = sorted([(at, 'command') for at in arrivals]
+                    + [(float(number), 'tick') for number in range(20)])
+    pacer, sent, waited = Pacer(1.0), [], []
+    for now, event in events:
+        if event == 'command':
+            pacer = pacer.commanded()
+            if not pacer.has_room(now):
+                waited.append(now)
+                continue
+        elif not pacer.is_torque_due(now):
+            continue
+        pacer = pacer.sent_torque(now)
+        sent.append(now)
+    assert 6.0 in sent and waited == [6.2]
+    assert sent[-12:] == pytest.approx(arrivals[-12:])
 
 
 def test_torques_are_due_exactly_when_their_interval_ends():
