@@ -20,6 +20,7 @@ from ballbot_ros.errors import EstimateLostError, MessageError
 from ballbot_ros.estimation import (
     EncoderReading, Estimate, Fusion, ImuReading, OdometryFilter, OdometryState)
 from ballbot_ros.estimation.fusion import IMU_TIMEOUT
+from ballbot_ros.estimation.kalman import JOINT
 from ballbot_ros.imus.plausibility import EXPLANATIONS, ImuPlausibility
 from ballbot_ros.physics.model.robot import Robot
 
@@ -285,7 +286,7 @@ class Sensing(AxisSensing[Estimate]):
         estimate = self.fusion.estimate
         self._plausibility = self._plausibility.after(
             reading.stamp, reading.turn_rate, reading.forward, reading.upward, self._gravity,
-            None if estimate is None else estimate.readings.joint_angle, self._largest_swing)
+            None if estimate is None else float(estimate.mean[JOINT]), self._largest_swing)
         fault = self.imu_fault
         if fault:
             raise MessageError(EXPLANATIONS[fault], fault, 'imu')

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The filter with sensor supervision: IMU timeout, encoder jumps."""
 from collections import deque
-from dataclasses import replace
 import math
 from typing import Callable, Deque, Optional
 
@@ -108,7 +107,7 @@ class Fusion:
             if 0.0 < period <= IMU_TIMEOUT:
                 slope = (reading.turn_rate - before.turn_rate) / period
                 turning += (slope - turning) * min(1.0, period / SMOOTHING)
-        imu = self._imu = self._mounting.at_centre(replace(reading, turn_acceleration=turning))
+        imu = self._imu = self._mounting.at_centre(reading, turning)
         if self.estimate is None:
             return
         if not self._upright:

@@ -40,9 +40,12 @@ class ImuMounting(Checked):
         'rad', 'angle of the IMU relative to the shell, counter-clockwise positive; it only '
         'defines ball angle 0', default=0.0, minimum=-math.pi, maximum=math.pi)
 
-    def at_centre(self, reading: 'ImuReading') -> 'ImuReading':
-        """Return the equivalent reading at the ball centre, in the axes of the shell."""
-        turning = reading.turn_acceleration
+    def at_centre(self, reading: 'ImuReading', turning: float) -> 'ImuReading':
+        """
+        Return the equivalent reading at the ball centre, in the axes of the shell.
+
+        `turning` is its turn acceleration [rad/s2].
+        """
         forward, upward = turned(reading.forward, reading.upward, self.imu_angle)
         square = reading.turn_rate**2
         return ImuReading(
@@ -65,7 +68,7 @@ class ImuReading:
     forward, upward : float
         Specific force along the x and z axes of the IMU [m/s2].
     turn_acceleration : float
-        Derivative of the turn rate, from this and earlier readings [rad/s2].
+        Derivative of the turn rate, from this and earlier readings [rad/s2]; 0 if unknown.
 
     Raises
     ------

@@ -58,7 +58,7 @@ def test_imu_readings_apply_at_their_stamps_with_the_torque_of_the_period():
     fusion = Fusion(GIMBALL, mounting)
     first = ImuReading(0.0, 0.3, 0.5, G)
     fusion.imu(first)
-    before = mounting.at_centre(first)
+    before = mounting.at_centre(first, 0.0)
     estimate = FILTER.start(0.0, 2.0, before)
     assert same(fusion.encoder(EncoderReading(0.0, 2.0)), estimate)
     turning = 0.0
@@ -72,7 +72,7 @@ def test_imu_readings_apply_at_their_stamps_with_the_torque_of_the_period():
             elapsed = reading.stamp - before.stamp
             slope = (reading.turn_rate - before.turn_rate) / elapsed
             turning += (slope - turning) * min(1.0, elapsed / 0.01)
-            before = mounting.at_centre(replace(reading, turn_acceleration=turning))
+            before = mounting.at_centre(reading, turning)
             estimate = FILTER.with_imu(
                 FILTER.predict(estimate, reading.stamp, torque, before), before, elapsed)
         estimate = FILTER.with_encoder(

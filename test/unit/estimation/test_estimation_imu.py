@@ -22,7 +22,7 @@ def test_at_centre_removes_rotation(forward, upward, angle, ahead, above, turn_r
     force = at_centre + (1j * turning - turn_rate**2) * position
     measured = force * complex(math.cos(angle), -math.sin(angle))
     moved = ImuMounting(forward, upward, angle).at_centre(
-        ImuReading(3.0, turn_rate, measured.real, measured.imag, turning))
+        ImuReading(3.0, turn_rate, measured.real, measured.imag), turning)
     assert (moved.stamp, moved.turn_rate, moved.turn_acceleration) == (3.0, turn_rate, turning)
     assert (moved.forward, moved.upward) == pytest.approx((ahead, above), abs=1e-9)
 
@@ -36,7 +36,7 @@ def test_converted_readings_of_an_off_centre_imu_equal_those_at_the_centre():
         before = plant.state
         after = plant.advance(1.1 * math.sin(1.2 * plant.time))
         turning = (after.ball_rate - before.ball_rate) * 500.0
-        moved = mounting.at_centre(ImuReading(*far.sample(before, after, number), turning))
+        moved = mounting.at_centre(ImuReading(*far.sample(before, after, number)), turning)
         true = central.sample(before, after, number)
         assert (moved.forward, moved.upward) == pytest.approx(
             (true.forward, true.upward), abs=1e-9)
@@ -54,7 +54,7 @@ def test_a_reading_that_is_not_finite_is_refused(index, bad):
 def test_by_default_the_imu_is_at_the_centre_and_aligned():
     reading = ImuReading(1.0, 2.0, 3.0, 4.0)
     assert reading.turn_acceleration == 0.0
-    assert ImuMounting().at_centre(reading) == reading
+    assert ImuMounting().at_centre(reading, 0.0) == reading
 
 
 @pytest.mark.parametrize('name, largest', [
