@@ -8,23 +8,30 @@ copied: the middleware has threads, and a copy has none of them.
 import gc
 from importlib import import_module
 import multiprocessing
+from multiprocessing.process import BaseProcess
 import os
 from pathlib import Path
 import signal
 import subprocess
 import sys
-from typing import Callable, Iterable, Mapping, Optional, Sequence, TextIO
+from typing import Any, Callable, Iterable, Mapping, Optional, Sequence
 
 from ballbot_ros.compile_notice import on_compiling
 
 
 class Forked:
-    """A copy of this process that runs a function; has methods of `subprocess.Popen`."""
+    """
+    A process that runs a function; has methods of `subprocess.Popen`.
 
-    def __init__(self, work: Callable[[], int]):
+    By default it is a copy of this process.  With the `method` ``forkserver`` it is a copy of the
+    server of `multiprocessing`, also if this process has initialised ROS.
+    """
+
+    def __init__(self, work: Callable[[], int], method: str = 'fork'):
         sys.stdout.flush()
         sys.stderr.flush()
-        self._process = multiprocessing.get_context('fork').Process(target=_run, args=(work,))
+        context: Any = multiprocessing.get_context(method)
+        self._process: BaseProcess = context.Process(target=_run, args=(work,))
         self._process.start()
         assert self._process.pid is not None
         self.pid: int = self._process.pid
@@ -50,21 +57,21 @@ class Forked:
         self._process.kill()
 
 
-def detached(name: str, work: Callable[[], int], arguments: Sequence[str],
-             environment: Mapping[str, str], log: TextIO) -> Callable[[], int]:
-    """Return a function that runs `work` in a separate session with a process name and a log."""
-    def child() -> int:
-        os.setsid()
-        Path('/proc/self/comm').write_text(name)  # ps and top show 15 characters of it
+def run_detached(name: str, work: Callable[[], int], arguments: Sequence[str],
+                 environment: Mapping[str, str], log: Path) -> int:
+    """Run `work` in a separate session with a process name, an environment and a log."""
+    os.setsid()
+    Path('/proc/self/comm').write_text(name)  # ps and top show 15 characters of it
+    with open(log, 'a', encoding='utf-8') as file:
         for stream in (1, 2):  # standard output and error, of C++ as well
-            os.dup2(log.fileno(), stream)
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        os.environ.update(environment)
-        on_compiling(None)  # a node logs what it compiles
-        sys.argv = [sys.argv[0], *arguments]
-        return work()
-    return child
+            os.dup2(file.fileno(), stream)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    os.environ.clear()
+    os.environ.update(environment)
+    on_compiling(None)  # a node logs what it compiles
+    sys.argv = [sys.argv[0], *arguments]
+    return work()
 
 
 def import_nodes(names: Iterable[str]) -> None:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Start nodes as separate processes, and guarantee their termination."""
+from functools import partial
 import os
 from pathlib import Path
 import signal
@@ -10,7 +11,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 import yaml
 
-from ballbot_ros.demo.forked import detached, Forked
+from ballbot_ros.demo.forked import Forked, run_detached
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.nodes.start import start
 from ballbot_ros.ros import discovery
@@ -98,12 +99,14 @@ class NodeProcesses:
         self.run('ballbot_ros.nodes.start',
                  [name, *parameter_arguments(parameters or {}), *arguments], label or name)
 
-    def fork(self, name: str, parameters: Optional[Mapping[str, Any]] = None) -> None:
-        """Start a node as a copy of this process, which must not have initialised ROS."""
-        with open(self.log(name), 'a', encoding='utf-8') as log:
-            self._running[name] = Forked(detached(
-                name, lambda: start(name), parameter_arguments(parameters or {}),
-                self._environment, log))
+    def fork(self, name: str, parameters: Optional[Mapping[str, Any]] = None,
+             arguments: Sequence[str] = (), method: str = 'fork') -> None:
+        """Start a node as a copy of a process that has imported it; see `start` and `Forked`."""
+        self.log(name).touch()
+        self._running[name] = Forked(partial(
+            run_detached, name, partial(start, name),
+            [*parameter_arguments(parameters or {}), *arguments], self._environment,
+            self.log(name)), method)
 
     def run(self, module: str, arguments: Sequence[str], label: str) -> None:
         """Start a module as ``python -m`` does; `label` names the process here."""

@@ -4,6 +4,8 @@ from contextlib import contextmanager, ExitStack
 import fcntl
 from functools import partial
 from itertools import count
+import multiprocessing
+from multiprocessing import forkserver
 import os
 from pathlib import Path
 import tempfile
@@ -13,7 +15,8 @@ from graph import Graph
 import pytest
 
 from ballbot_ros.bridge.hardware_file import load_hardware
-from ballbot_ros.demo.prepare import NODES, prepare
+from ballbot_ros.cli.run import NODES
+from ballbot_ros.demo import prepare
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.physics import load_scene
@@ -66,11 +69,18 @@ def own_domain():
 
 
 @pytest.fixture(scope='session', autouse=True)
+def imported_once():
+    """Start the server whose copies are the nodes: an import takes 1.5 s of processor time."""
+    multiprocessing.set_forkserver_preload([f'ballbot_ros.nodes.{name}.node' for name in NODES])
+    forkserver.ensure_running()
+
+
+@pytest.fixture(scope='session', autouse=True)
 def compiled_once():
     """Compile the kernels of the nodes before a test waits for the first node."""
     with open(Path(tempfile.gettempdir()) / 'ballbot_ros_test_compile.lock', 'w') as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        prepare(NODES)
+        prepare.prepare(prepare.NODES)
 
 
 @pytest.fixture(autouse=True)

@@ -70,8 +70,8 @@ class Graph:
     # Processes
 
     def start(self, name, *arguments, **parameters):
-        """Start a node of the package."""
-        self.processes.start(name, parameters, arguments)
+        """Start a node of the package as a copy of the server that has imported all nodes."""
+        self.processes.fork(name, parameters, arguments, 'forkserver')
 
     def start_together(self, **nodes):
         """Start nodes with their parameters in one process, whose log is called `together`."""

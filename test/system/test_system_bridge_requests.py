@@ -25,7 +25,9 @@ def empty_cache(monkeypatch, tmp_path):
 def test_from_an_empty_kernel_cache_impossible_transitions_are_refused_without_effect(
         empty_cache, graph, motor, hardware):
     graph.client('bridge/change_state', ChangeState)
-    graph.start('bridge', hardware=hardware(), port=motor.path, autostart=False)
+    # In a new interpreter, which reads the folder of the cache from its environment.
+    graph.processes.start('bridge', {
+        'hardware': hardware(), 'port': motor.path, 'autostart': False})
     for transition in (Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_CLEANUP, 99):
         assert not graph.change_state('bridge', transition)
     assert 'activate is not possible: the node is unconfigured' in graph.log('bridge')

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Copies of this process: their exit code, their output and their end."""
+from functools import partial
 import gc
 import os
 from pathlib import Path
@@ -10,14 +11,15 @@ import time
 
 import pytest
 
-from ballbot_ros.demo.forked import detached, Forked, import_nodes
+from ballbot_ros.demo.forked import Forked, import_nodes, run_detached
 from ballbot_ros.demo.signals import ending_by_signal
 
 TIMEOUT = 20.0
 
 
-def test_the_process_has_the_exit_code_of_its_function():
-    process = Forked(lambda: 3)
+@pytest.mark.parametrize('method', ['fork', 'forkserver'])
+def test_the_process_has_the_exit_code_of_its_function(method):
+    process = Forked(partial(sum, (1, 2)), method)
     assert process.wait(TIMEOUT) == process.poll() == 3
     process.send_signal(signal.SIGTERM)  # not to another process with a reused id
 
@@ -61,16 +63,16 @@ def test_a_process_has_no_handler_of_its_parent_but_ignores_the_same_signals(han
 def test_a_detached_process_has_its_own_name_arguments_environment_log_and_session(tmp_path):
     def work():
         name = Path('/proc/self/comm').read_text().strip()
-        found = name, sys.argv[1:], os.environ['COLOUR'], os.getsid(0) == os.getpid()
+        found = name, sys.argv[1:], dict(os.environ), os.getsid(0) == os.getpid()
         os.write(1, f'{found}\n'.encode())
         os.write(2, b'an error\n')
         return 0
     own = os.environ.get('COLOUR')
-    with open(tmp_path / 'log', 'w', encoding='utf-8') as log:
-        process = Forked(detached('node', work, ['-p', 'a:=1'], {'COLOUR': 'red'}, log))
+    process = Forked(partial(run_detached, 'node', work, ['-p', 'a:=1'], {'COLOUR': 'red'},
+                             tmp_path / 'log'))
     assert process.wait(TIMEOUT) == 0
     assert (tmp_path / 'log').read_text() == (
-        "('node', ['-p', 'a:=1'], 'red', True)\nan error\n")
+        "('node', ['-p', 'a:=1'], {'COLOUR': 'red'}, True)\nan error\n")
     assert os.environ.get('COLOUR') == own
 
 
