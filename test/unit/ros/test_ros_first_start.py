@@ -48,6 +48,13 @@ def test_a_short_compilation_is_not_reported(reporting, monkeypatch, caplog):
     assert not caplog.records and compiled._notice.spent > 0.0
 
 
+def test_a_compilation_during_the_tests_is_not_reported(kernel, monkeypatch, caplog):
+    monkeypatch.setattr(compiled, '_notice', CompileNotice())
+    compiled._notice.spent = 1e6
+    kernel()(1.0)
+    assert not caplog.records
+
+
 def test_a_program_that_shows_compilations_gets_their_number_and_no_warning(reporting, caplog):
     reports = []
     compile_notice.on_compiling(lambda done, more: reports.append((done, more)))
