@@ -7,13 +7,12 @@ import signal
 import socket
 import subprocess
 import sys
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 import yaml
 
 from ballbot_ros.demo.forked import Forked, run_detached
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.nodes.start import start
 from ballbot_ros.ros import discovery
 
 END_TIMEOUT = 60.0  # wall time for a node to end after SIGINT before it is killed [s]
@@ -99,14 +98,12 @@ class NodeProcesses:
         self.run('ballbot_ros.nodes.start',
                  [name, *parameter_arguments(parameters or {}), *arguments], label or name)
 
-    def fork(self, name: str, parameters: Optional[Mapping[str, Any]] = None,
-             arguments: Sequence[str] = (), method: str = 'fork') -> None:
-        """Start a node as a copy of a process that has imported it; see `start` and `Forked`."""
+    def fork(self, name: str, work: Callable[[], int], arguments: Sequence[str] = (),
+             method: str = 'fork') -> None:
+        """Run a function in a copy of a process that has imported its modules; see `Forked`."""
         self.log(name).touch()
         self._running[name] = Forked(partial(
-            run_detached, name, partial(start, name),
-            [*parameter_arguments(parameters or {}), *arguments], self._environment,
-            self.log(name)), method)
+            run_detached, name, work, arguments, self._environment, self.log(name)), method)
 
     def run(self, module: str, arguments: Sequence[str], label: str) -> None:
         """Start a module as ``python -m`` does; `label` names the process here."""

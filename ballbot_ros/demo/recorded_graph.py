@@ -17,9 +17,10 @@ from rclpy.signals import SignalHandlerOptions
 
 from ballbot_ros.bags import recorded_run
 from ballbot_ros.bags.writer import BagRecorder, stamp_of
-from ballbot_ros.demo.processes import NodeProcesses
+from ballbot_ros.demo.processes import NodeProcesses, parameter_arguments
 from ballbot_ros.demo.timeline import Timeline
 from ballbot_ros.msg import BallState, StepDecision
+from ballbot_ros.nodes.start import start
 from ballbot_ros.ros import discovery
 from ballbot_ros.ros.rclpy_compat import new_executor
 
@@ -134,7 +135,7 @@ def recorded_graph(out: Path, topics: Sequence[str], timeline: Timeline,
     messages = MessagesInOrder(*(topic for topic in (STATES, DECISIONS) if topic in topics))
     with NodeProcesses(out / 'logs', domain) as processes:
         for name, parameters in nodes.items():
-            processes.fork(name, parameters)
+            processes.fork(name, partial(start, name), parameter_arguments(parameters))
         with recording('ballbot_demo', out, metadata, domain) as (node, executor, recorder, bag):
             for topic in topics:
                 bag.subscribe(recorder, topic, partial(messages.add, topic)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A private ROS graph: nodes as processes, and a test node that communicates with them."""
+from functools import partial
 import signal
 import subprocess
 import sys
@@ -17,7 +18,9 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from waiting import TIMEOUT
 
+from ballbot_ros.cli import main
 from ballbot_ros.demo.processes import NodeProcesses, parameter_arguments
+from ballbot_ros.nodes.start import start
 from ballbot_ros.ros.conversions import to_seconds, to_time
 from ballbot_ros.srv import Step
 
@@ -71,14 +74,15 @@ class Graph:
 
     def start(self, name, *arguments, **parameters):
         """Start a node of the package as a copy of the server that has imported all nodes."""
-        self.processes.fork(name, parameters, arguments, 'forkserver')
+        self.processes.fork(name, partial(start, name), [
+            *parameter_arguments(parameters), *arguments], 'forkserver')
 
     def start_together(self, **nodes):
         """Start nodes with their parameters in one process, whose log is called `together`."""
         parameters = {f'{name}:{parameter}': value for name, values in nodes.items()
                       for parameter, value in values.items()}
-        self.processes.run('ballbot_ros.cli', ['run', *nodes, *parameter_arguments(parameters)],
-                           'together')
+        words = ['run', *nodes, *parameter_arguments(parameters)]
+        self.processes.fork('together', partial(main, words), method='forkserver')
 
     def log(self, name):
         """Return what a node has logged so far."""
