@@ -71,14 +71,6 @@ def robot(graph):
 
 
 @pytest.mark.slow
-def test_a_goal_is_reached_and_another_one_after_it(robot):
-    for goal in ((2.6, 1.4), (1.8, 1.4)):
-        status, result = robot.result(robot.send(*goal))
-        assert status == GoalStatus.STATUS_SUCCEEDED, result.error_msg
-        assert math.dist(robot.place, goal) < 0.2
-
-
-@pytest.mark.slow
 def test_cancellation_stops_the_ball_before_its_goal(robot):
     handle = robot.send(2.7, 1.4)
     robot.drive()
