@@ -843,13 +843,10 @@ class RoutePlanner:
                 raise RefusedError(
                     f'start ({start[0]:g}, {start[1]:g}) m is on the {feature.label}; move the '
                     'ball to level floor', 'feature', 'start')
-        slowness, columns = self._opened(start), self._walls.shape[1]
-        row, column = divmod(self._node(start), columns)
-        nodes = [row * columns + column]
+        slowness, nodes = self._opened(start), [self._node(start)]
         if self._blocked.flat[nodes[0]]:
             # Closed cells are not possible as start states.
-            nodes = [node for node in (r * columns + c for r in range(row - 1, row + 2)
-                                       for c in range(column - 1, column + 2))
+            nodes = [node for node in self._beside(nodes[0])
                      if slowness.flat[node] < math.inf] or nodes
         states, costs = [], []
         for node in nodes:
@@ -866,6 +863,13 @@ class RoutePlanner:
                     costs.append(OFFSET_COST * aside + TURN_COST * turned
                                  + math.hypot(dx, dy) / BACKWARD_SPEED)
         return np.array(states, np.int64), np.array(costs), slowness
+
+    def _beside(self, node: int) -> List[int]:
+        """Return a cell and its neighbours."""
+        rows, columns = self._walls.shape
+        row, column = divmod(node, columns)
+        return [r * columns + c for r in range(max(row - 1, 0), min(row + 2, rows))
+                for c in range(max(column - 1, 0), min(column + 2, columns))]
 
     def _opened(self, start: Sequence[float]) -> NDArray[np.float64]:
         """
@@ -936,6 +940,9 @@ class RoutePlanner:
         closed = self._fixed & np.isinf(self._opened(start))
         far = turning_times(np.array([last * COUNT]), np.array([first * COUNT]),
                             np.where(closed, np.inf, 1.0), (1.0, 1.0), 0.0)[::COUNT]
+        if not math.isfinite(far[first]):
+            # Like the search, the path starts beside a cell that the centre must not enter.
+            first = min(self._beside(first), key=far.__getitem__)
         if not math.isfinite(far[first]):
             return math.inf, []
         nodes, steps = [first], np.array(VECTORS) @ (1, columns)

@@ -737,3 +737,8 @@ def test_a_route_leads_around_a_hill_on_which_the_ball_cannot_stand(height, thro
     points = planner.route((0.6, 3.0), (5.4, 3.0)).points
     nearest = min(math.dist(point, (3.0, 3.0)) for point in points)
     assert (nearest < 0.3) == through and through == (0.25 * math.pi * height < math.tan(0.0756))
+
+
+def test_a_start_close_to_stairs_is_not_separated_from_the_goal(flat):
+    ends = (7.9, 3.4, 0.0), (2.6, 1.4)
+    assert 'longer than the shortest path' in flat.explain(flat.route(*ends), *ends)
