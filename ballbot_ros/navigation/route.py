@@ -137,11 +137,16 @@ class _Arc(NamedTuple):
 
 
 class _Limit(NamedTuple):
-    """Largest run-up and room that the floor offers to cross a feature in one direction [m]."""
+    """
+    Largest run-up and room that the floor offers to cross an edge in one direction [m].
+
+    `easiest` is the crossing with the shortest run-up there, None if there is none.
+    """
 
     run_up: float
     room: float
     faces: Tuple[Tuple[float, float], ...]
+    easiest: Optional[CrossingPlan]
 
 
 class Boundary(NamedTuple):
@@ -169,6 +174,14 @@ class Boundary(NamedTuple):
     def keep(self, x: Any, y: Any) -> Any:
         """Return the distance that the centre keeps at positions [m]; arrays broadcast."""
         return np.where(self.is_left(x, y), self.left, self.right)
+
+
+class _Passage(NamedTuple):
+    """An edge of a feature, and the direction in which the ball crosses it."""
+
+    number: int  # index of the feature on the floor
+    edge: Boundary
+    sign: int  # 1 towards the left of the edge, else -1
 
 
 class RoutePlanner:
@@ -230,7 +243,7 @@ class RoutePlanner:
         self._tree = Tree()
         # For each feature: the data on which its crossings depend, and the crossings.
         self._arcs: Dict[int, Tuple[Tuple[object, ...], List[_Arc]]] = {}
-        self._limits: Dict[Tuple[int, int], _Limit] = {}
+        self._limits: Dict[_Passage, _Limit] = {}
         self._lay_grid()
         self._moves = Moves.of(self._rows, [
             item.length * self._size / min(
@@ -374,8 +387,8 @@ class RoutePlanner:
             basis = (feature, self.learned.heights, self.learned.outcomes, *(
                 self._clear[self._reach(line)].tobytes() for line in feature.segments))
             if number not in self._arcs or self._arcs[number][0] != basis:
-                self._limits.pop((number, 1), None)
-                self._limits.pop((number, -1), None)
+                self._limits = {passage: limit for passage, limit in self._limits.items()
+                                if passage.number != number}
                 self._arcs[number] = basis, self._crossings(number)
         self._capability.keep()
         self._offered = sorted((arc for _, arcs in self._arcs.values() for arc in arcs),
@@ -550,7 +563,8 @@ class RoutePlanner:
         x, y = self._x[:, columns], self._y[rows]
         ahead = ((x0 - x) * (y1 - y0) - (y0 - y) * (x1 - x0)) / turn
         along = ((x0 - x) * step_y - (y0 - y) * step_x) / turn
-        found = []
+        found, passage = [], _Passage(number, edge, sign)
+        limits = [self._limits[passage]] if passage in self._limits else []
         for item in np.argwhere((ahead >= 0.0) & (ahead < 1.0) & (along >= 0.0) & (along <= 1.0)):
             share = float(ahead[tuple(item)])
             row, column = int(item[0]) + rows.start, int(item[1]) + columns.start
@@ -558,17 +572,15 @@ class RoutePlanner:
                       float(self._y[row, 0]) + share * step_y)
             run_up = self._free(middle, (-way[0], -way[1]), barriers) - touch
             room = self._free(middle, way, barriers) - half
-            known = self._limits.get((number, sign))
-            limit = _Limit(max(run_up, 0.0), max(room, 0.0), faces)
-            if known is None or limit.run_up * limit.room > known.run_up * known.room:
-                self._limits[number, sign] = limit
             on = max(half + min(room, self.ball_radius + CLEARANCE + 0.2),
                      (edge.left if sign > 0 else edge.right) / math.cos(angle))
             after = max(1, math.ceil(on / spacing + share))
             stand = row + after * up, column + after * across
-            if after - share > room / spacing or not self._inside(*stand):
-                continue
-            for crossing in self._choices(number, sign, faces, run_up, room):
+            choices = list(self._choices(number, sign, faces, run_up, room)) \
+                if after - share <= room / spacing and self._inside(*stand) else []
+            limits.append(_Limit(
+                max(run_up, 0.0), max(room, 0.0), faces, next(iter(choices), None)))
+            for crossing in choices:
                 before = touch + crossing.run_up
                 back = math.ceil(before / spacing - share - 1e-9)
                 short = (back + share) * spacing > touch + run_up + 1e-9
@@ -590,6 +602,9 @@ class RoutePlanner:
                 found.append(_Arc(one * COUNT + heading, two * COUNT + heading, Segment(
                     (at, self._point(two)), self.floor.features[number], crossing, time, 1,
                     HEADINGS[heading], number, sign)))
+        if limits:
+            self._limits[passage] = max(limits, key=lambda limit: (
+                limit.easiest is not None, limit.run_up * limit.room))
         return found
 
     def _choices(self, number: int, sign: int, faces: Tuple[Tuple[float, float], ...],
@@ -771,18 +786,26 @@ class RoutePlanner:
         return Route(segments, sum(segment.time for segment in segments), _probability(segments))
 
     def explain(self, route: Route, start: Sequence[float], goal: Sequence[float]) -> str:
-        """Return why a route is not the shortest one, and the run-up of each crossing."""
+        """
+        Return why a route is not the shortest one, and the run-up of each crossing.
+
+        The shortest path crosses each step and is driven at cruise speed.
+        """
         shortest, passed = self._shortest(start, self._node(goal))
         taken = [segment for segment in route.segments if segment.crossing]
         numbers = {segment.number for segment in taken}
-        why = [self._lack(number, sign) for number, sign in passed if number not in numbers]
-        why += [f'{self._described(segment.number)} needs {segment.crossing.run_up:.2f} m of '
-                'run-up, from ({:.2f}, {:.2f}) m'.format(*segment.points[0])
+        avoided = [passage for passage in passed if passage.number not in numbers]
+        why = [self._lack(passage) for passage in avoided if not self._is_crossable(passage)]
+        why += dict.fromkeys(
+            f'the fastest route avoids {self._described(passage.number)}'
+            for passage in avoided if self._is_crossable(passage))
+        why += [f'{self._described(segment.number)} is crossed with '
+                f'{segment.crossing.run_up:.2f} m of run-up, '
+                'from ({:.2f}, {:.2f}) m'.format(*segment.points[0])
                 for segment in taken if segment.crossing]
-        longer = sum(segment.time for segment in route.segments if segment.feature is None) \
-            - shortest / self._tuning.cruise_speed
+        longer = route.time - shortest / self._tuning.cruise_speed
         if why and longer > 1.0:
-            why.insert(0, f'{longer:.0f} s longer than the shortest path')
+            why.insert(0, f'{longer:.0f} s longer than the shortest path at cruise speed')
         return '; '.join(why)
 
     def warm_up(self) -> None:
@@ -806,19 +829,21 @@ class RoutePlanner:
             states, costs, last, heading, slowness.ravel(), HEURISTIC_FACTOR * far, self._moves,
             REVERSAL_TIME, *self._arc_arrays, aligned, leaving, most_level))
 
-    def _refuse(self, shortest: float, passed: List[Tuple[int, int]], point_gets_there: bool
-                ) -> None:
+    def _refuse(self, shortest: float, passed: List[_Passage], point_gets_there: bool) -> None:
         if not math.isfinite(shortest):
             raise RefusedError(
                 'no route: walls, obstacles, drops, stairs, keep-out areas, edges of ramps, or '
                 f'ramps steeper than {math.degrees(self._steepest):.1f} degrees separate start '
                 'and goal',
                 'no_route', 'goal')
-        lacks = [self._lack(number, sign) for number, sign in passed if not any(
-            arc.segment.sign == sign for arc in self._arcs[number][1])]
+        lacks = [self._lack(item) for item in passed if not self._is_crossable(item)]
         if point_gets_there or not lacks:
-            lacks = ['the ball cannot turn in the available space', *(
-                self._lack(number, sign) for number, sign in passed)]
+            raise RefusedError('; '.join([
+                'no route: the ball cannot turn in the available space',
+                *map(self._lack, passed)]), 'no_route', 'goal')
+        lacks += [
+            f'the {feature.label} is steeper than {math.degrees(self._steepest):.1f} degrees'
+            for feature in self.features if feature.kind == 'ramp' and self.is_closed(feature)]
         raise RefusedError(
             'no route reaches the required probability of '
             f'{self._tuning.required_probability:g}. On the shortest path, {"; ".join(lacks)}',
@@ -934,7 +959,7 @@ class RoutePlanner:
         end(HEADINGS[path[-1][0] % COUNT])
         return tuple(segments)
 
-    def _shortest(self, start: Sequence[float], last: int) -> Tuple[float, List[Tuple[int, int]]]:
+    def _shortest(self, start: Sequence[float], last: int) -> Tuple[float, List[_Passage]]:
         """Return the shortest path's length if each step could be crossed, and its crossings."""
         first, columns = self._node(start), self._walls.shape[1]
         closed = self._fixed & np.isinf(self._opened(start))
@@ -951,25 +976,27 @@ class RoutePlanner:
             nodes.append(int(around[np.argmin(LENGTHS + far.take(around, mode='clip'))]))
         points = [self._point(node) for node in nodes]
         found = dict.fromkeys(
-            (number, sign) for one, two in zip(points, points[1:])
+            _Passage(number, edge, sign) for one, two in zip(points, points[1:])
             for number, (edges, feature) in enumerate(zip(self.boundaries, self.features))
-            if feature.kind in CROSSED
-            for _, sign, _ in crossings_between([edge.line for edge in edges], one, two))
+            if feature.kind in CROSSED for edge in edges
+            for _, sign, _ in crossings_between((edge.line,), one, two))
         return float(far[first] * self._size), list(found)
 
-    def _lack(self, number: int, sign: int) -> str:
-        """Return why a feature is not crossed in a direction."""
-        limit, label = self._limits.get((number, sign)), self._described(number)
-        easiest = None if limit is None else next(
-            self._choices(number, sign, limit.faces, CROSSING_LENGTH_MAX, CROSSING_LENGTH_MAX),
+    def _is_crossable(self, passage: _Passage) -> bool:
+        """Return whether the floor offers a crossing of an edge in a direction."""
+        return passage in self._limits and self._limits[passage].easiest is not None
+
+    def _lack(self, passage: _Passage) -> str:
+        """Return the run-up and the room that crossing an edge takes, and those of the floor."""
+        limit, label = self._limits.get(passage), self._described(passage.number)
+        easiest = None if limit is None else limit.easiest or next(self._choices(
+            passage.number, passage.sign, limit.faces, CROSSING_LENGTH_MAX, CROSSING_LENGTH_MAX),
             None)
         if limit is None or easiest is None:
             return f'{label} cannot be crossed with the required probability'
-        if limit.run_up < easiest.run_up:
-            return (f'{label} needs {easiest.run_up:.2f} m of run-up, {limit.run_up:.2f} m is '
-                    'available')
-        return (f'{label} can be crossed with {easiest.run_up:.2f} m of run-up; '
-                f'{limit.run_up:.2f} m before it and {limit.room:.2f} m behind it are free')
+        return (f'crossing {label} takes {easiest.run_up:.2f} m of run-up and '
+                f'{easiest.room:.2f} m of room behind it; {limit.run_up:.2f} m and '
+                f'{limit.room:.2f} m are available')
 
     def _described(self, number: int) -> str:
         """Return the name of a feature with its height."""

@@ -3,6 +3,7 @@
 from contextlib import suppress
 from dataclasses import replace
 import math
+import re
 
 from hypothesis import example, given, settings, strategies
 import numpy as np
@@ -621,11 +622,11 @@ def test_a_refusal_names_the_door_before_which_the_ball_cannot_turn(tmp_path):
     """A platform before the door leaves less run-up than the ball requires to turn there."""
     planner = planner_of(tmp_path, [
         '{kind: threshold, name: door, line: [[1.5, 2], [2.5, 2]], height: 0.006, width: 0.05}',
-        '{kind: level, polygon: [[0.6, 2.5], [3.4, 2.5], [3.4, 3.4], [0.6, 3.4]], height: 0.02}'],
+        '{kind: level, polygon: [[0.6, 2.6], [3.4, 2.6], [3.4, 3.5], [0.6, 3.5]], height: 0.02}'],
         (4, 5), '[[[0, 2], [1.5, 2]], [[2.5, 2], [4, 2]]]')
     with pytest.raises(RefusedError) as refusal:
         planner.route((2.0, 4.2), (2.0, 0.8))
-    assert 'cannot turn' in str(refusal.value) and 'm before it' in str(refusal.value)
+    assert 'cannot turn' in str(refusal.value) and 'm of run-up' in str(refusal.value)
 
 
 HIGH = '{kind: step, line: [[2.0, 4.0], [2.0, 0.0]], height: 0.06}'
@@ -742,3 +743,46 @@ def test_a_route_leads_around_a_hill_on_which_the_ball_cannot_stand(height, thro
 def test_a_start_close_to_stairs_is_not_separated_from_the_goal(flat):
     ends = (7.9, 3.4, 0.0), (2.6, 1.4)
     assert 'longer than the shortest path' in flat.explain(flat.route(*ends), *ends)
+
+
+RUG = '{{kind: carpet, name: rug, height: 0.012, ' \
+    'polygon: [[2, {0}], [3, {0}], [3, {1}], [2, {1}]]}}'
+
+
+def test_an_explanation_compares_the_complete_route_with_the_shortest_path(tmp_path):
+    ends = (0.7, 2.0), (3.3, 2.0)
+    planner = planner_of(tmp_path, ['{kind: step, line: [[2, 4], [2, 0]], height: 0.03}'])
+    route = planner.route(*ends)
+    longer = float(planner.explain(route, *ends).split(' s longer')[0])
+    assert longer == pytest.approx(
+        route.time - math.dist(*ends) / TUNING.cruise_speed, abs=0.5 + 0.3)
+
+
+def test_an_explanation_lists_no_lack_of_an_edge_that_can_be_crossed(tmp_path):
+    ends = (0.6, 0.6), (4.4, 0.6)
+    planner = planner_of(tmp_path, [RUG.format(0.05, 1.5)], (5, 4))
+    route = planner.route(*ends)
+    assert not any(segment.crossing for segment in route.segments)
+    assert planner.explain(route, *ends).split('; ')[1:] == [
+        'the fastest route avoids the rug of 12 mm']
+
+
+def test_a_refusal_names_the_room_behind_the_edge_on_the_shortest_path(tmp_path):
+    """The ball could leave the rug on three sides, but not on that of the goal."""
+    planner = planner_of(tmp_path, [
+        RUG.format(0.05, 3.95), '{kind: stairs, polygon: [[4, 0], [5, 0], [5, 4], [4, 4]]}'],
+        (5, 4))
+    with pytest.raises(RefusedError) as refusal:
+        planner.route((0.7, 2.0), (3.35, 2.0))
+    room = float(re.findall(r'm and ([0-9.]+) m are available', str(refusal.value))[-1])
+    assert room < 4.0 - planner.drop_distance - 3.0 + 0.1
+
+
+def test_a_refusal_names_a_ramp_that_is_too_steep(tmp_path):
+    area = 'polygon: [[{0}, 1], [{1}, 1], [{1}, 3], [{0}, 3]], height: 0.2'
+    planner = planner_of(tmp_path, [
+        f'{{kind: level, {area.format(4, 6)}}}',
+        f'{{kind: ramp, name: chute, {area.format(2, 4)}, line: [[2, 2], [4, 2]]}}'], (7, 4))
+    with pytest.raises(RefusedError) as refusal:
+        planner.route((1.0, 2.0), (5.0, 2.0))
+    assert 'chute' in str(refusal.value)
