@@ -261,7 +261,7 @@ class Navigator:
         return started
 
     def cancel(self, state: NavigationState, reason: str = 'canceled',
-               message: str = 'canceled: the ball was stopped') -> NavigationState:
+               message: str = 'the ball was stopped') -> NavigationState:
         """Return the state that stops the ball and ends the goal."""
         if state.status.ended:
             return state

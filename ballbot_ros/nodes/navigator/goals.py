@@ -72,9 +72,14 @@ class NavigationServers:
                 'no pose on the map: odom, or the transform from the map to it, is missing',
                 'missing', 'odom')
 
+    def _ready_to_drive(self) -> None:
+        self._ready()
+        if self._node.e_stop:
+            raise RefusedError('the e-stop is engaged: release it first', 'e_stop', 'e_stop')
+
     def _check(self, request: Any) -> None:
         try:
-            self._ready()
+            self._ready_to_drive()
             self._node.navigator.planner.check_place(self._goal(request.pose), 'goal')
         except RefusedError as error:
             self.count(error)
@@ -88,7 +93,7 @@ class NavigationServers:
     def begin_pose(self, message: PoseStamped) -> None:
         """Drive to a pose; this replaces an active goal."""
         node = self._node
-        self._ready()
+        self._ready_to_drive()
         node.state = node.navigator.begin(node.state, self._goal(message), node.percept)
         if self._handle is not None:
             handle, self._handle = self._handle, None
@@ -101,10 +106,10 @@ class NavigationServers:
         try:
             self.begin_pose(handle.request.pose)
         except BallbotError as error:
-            handle.abort()
-            self._navigate.finish(handle, _failure(NavigateToPose, error))
+            self._fail(self._navigate, handle, NavigateToPose, error)
             return
         self._handle, self._started = handle, node.percept.stamp
+        self.step()  # a ball at the goal has already arrived
 
     def _check_plan(self, request: Any) -> None:
         self._ready()
@@ -119,8 +124,7 @@ class NavigationServers:
             planner, goal = node.navigator.planner, self._goal(request.goal)
             route = planner.route(start, goal)
         except BallbotError as error:
-            handle.abort()
-            self._compute.finish(handle, _failure(ComputePathToPose, error))
+            self._fail(self._compute, handle, ComputePathToPose, error)
             return
         handle.succeed()
         node.get_logger().info(planner.explain(route, start, goal) or 'the shortest path')
@@ -164,6 +168,9 @@ class NavigationServers:
             estimated_time_remaining=Duration(seconds=state.remaining).to_msg(),
             number_of_recoveries=state.recoveries, distance_remaining=max(length, 0.0))
 
-
-def _failure(kind: Any, error: BallbotError) -> Any:
-    return kind.Result(error_code=FAILED, error_msg=f'{getattr(error, "reason", "")}: {error}')
+    def _fail(self, server: DeferredActionServer, handle: ServerGoalHandle, kind: Any,
+              error: BallbotError) -> None:
+        self._node.get_logger().warning(f'{kind.__name__} failed: {error}')
+        handle.abort()
+        server.finish(handle, kind.Result(
+            error_code=FAILED, error_msg=f'{getattr(error, "reason", "")}: {error}'))

@@ -65,6 +65,7 @@ class NavigatorNode(ManagedNode):
         self.navigator: Optional[Navigator] = None
         self.state = NavigationState()
         self.percept: Optional[Percept] = None
+        self.e_stop = False  # whether it is engaged
         self._active = False
         self._problem = ''  # why configure failed
         self._odom = SinglePublisher(self, 'odom')
@@ -151,6 +152,7 @@ class NavigatorNode(ManagedNode):
         self.abort('missing', f'no odometry received for {ODOMETRY_TIMEOUT} s')
 
     def _on_e_stop(self, engaged: bool) -> None:
+        self.e_stop = engaged
         if engaged:
             self.abort('e_stop', 'the e-stop is engaged')
 

@@ -100,6 +100,26 @@ def test_a_goal_pose_of_rviz_is_followed_until_the_e_stop(graph):
     assert graph.spin(5.0, lambda: graph.speed == 0.0)
 
 
+def test_goals_are_refused_while_the_e_stop_is_engaged_and_paths_are_computed(graph):
+    graph.e_stops.publish(Bool(data=True))
+    assert graph.spin(10.0, lambda: graph.node.e_stop)
+    assert not graph.send(2.6, 1.4).accepted
+    graph.goals.publish(stamped_pose('map', to_time(0.0), 2.6, 1.4, 0.0))
+    assert graph.spin(10.0, lambda: graph.node.servers.refused['e_stop'] == 2)
+    request = ComputePathToPose.Goal(goal=stamped_pose('map', to_time(0.0), 2.6, 1.4, 0.0))
+    handle = graph.wait(graph.compute.send_goal_async(request))
+    assert graph.wait(handle.get_result_async()).result.path.poses
+    graph.e_stops.publish(Bool(data=False))
+    assert graph.spin(10.0, lambda: not graph.node.e_stop)
+    assert graph.send(2.6, 1.4).accepted
+
+
+def test_a_goal_at_the_position_of_the_ball_is_reached_without_a_motion(graph):
+    handle = graph.send(*START)
+    assert graph.wait(handle.get_result_async()).result.error_code == 0
+    assert graph.node.state.status is NavStatus.SUCCEEDED and graph.speed == 0.0
+
+
 def test_deactivation_ends_a_goal_and_further_goals_are_refused(graph):
     handle = graph.send(2.6, 1.4)
     graph.node.trigger_deactivate()
