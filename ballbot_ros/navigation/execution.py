@@ -271,8 +271,9 @@ class Navigator:
 
     def with_planner(self, state: NavigationState, planner: RoutePlanner) -> NavigationState:
         """Change the map; with an active goal, stop the ball and replan."""
+        planner.learn(state.learned.on(self.planner.floor.features))
         self.planner = planner
-        planner.learn(state.learned)
+        state = replace(state, learned=planner.learned)
         return state if state.status.ended else self._stop(
             state, 'map_replaced', 'the map was replaced')
 

@@ -3,10 +3,10 @@
 from dataclasses import asdict, dataclass, replace
 import json
 from pathlib import Path
-from typing import Tuple
+from typing import Sequence, Tuple
 
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.floors.floor import Point
+from ballbot_ros.floors.floor import Feature, Point
 
 # Weight of the predicted probability of a crossing against learned outcomes, in attempts.
 PRIOR_ATTEMPTS = 5.0
@@ -29,12 +29,30 @@ class Learned:
     outcomes : tuple of (int, int, float, bool, int)
         Number of a feature, direction (1 towards the left of its line), run-up [m], whether the
         ball crossed it, and number of such attempts.
+    places : tuple of (str, tuple of (float, float))
+        Kind and points [m] of the features to which the numbers refer; empty for those of the
+        floor in use.
 
     """
 
     heights: Tuple[Tuple[int, float], ...] = ()
     obstacles: Tuple[Point, ...] = ()
     outcomes: Tuple[Tuple[int, int, float, bool, int], ...] = ()
+    places: Tuple[Tuple[str, Tuple[Point, ...]], ...] = ()
+
+    def on(self, features: Sequence[Feature]) -> 'Learned':
+        """Return the data for the features of a floor, without those of features not on it."""
+        places = tuple((feature.kind, (*feature.line, *feature.polygon)) for feature in features)
+        if self.places in ((), places):
+            return replace(self, places=places)
+        numbers = {number: places.index(place) for number, place in enumerate(self.places)
+                   if place in places}
+        return replace(
+            self, places=places,
+            heights=tuple(sorted((numbers[number], height) for number, height in self.heights
+                                 if number in numbers)),
+            outcomes=tuple((numbers[item[0]], *item[1:]) for item in self.outcomes
+                           if item[0] in numbers))
 
     def probability(self, number: int, sign: int, run_up: float, predicted: float) -> float:
         """
@@ -88,7 +106,10 @@ class Learned:
                 raise ValueError(f'version {content["version"]}')
             learned = cls(tuple((int(number), float(height)) for number, height in
                                 content['heights']),
-                          tuple((float(x), float(y)) for x, y in content['obstacles']))
+                          tuple((float(x), float(y)) for x, y in content['obstacles']),
+                          places=tuple(
+                              (kind, tuple((float(x), float(y)) for x, y in points))
+                              for kind, points in content.get('places', ())))
             for number, sign, run_up, crossed, *count in content['outcomes']:
                 learned = learned.with_outcome(int(number), int(sign), float(run_up),
                                                bool(crossed), int(*count or (1,)))

@@ -262,7 +262,7 @@ class RoutePlanner:
 
     def learn(self, learned: Learned) -> None:
         """Apply learned data of the floor."""
-        self.learned = learned
+        self.learned = learned = learned.on(self.floor.features)
         measured = dict(learned.heights)
         self.features = [
             replace(feature, height=measured[number],

@@ -98,10 +98,10 @@ class NavigatorNode(ManagedNode):
             settings = self._settings
             self._kept = Learned.read(Path(settings.learned).expanduser()) \
                 if settings.learned else Learned()
-            self.state = NavigationState(learned=self._kept)
+            planner = RoutePlanner(load_floor(settings.floor), self._knowledge, self._kept)
+            self.navigator = Navigator(planner, self._knowledge)
+            self.state = NavigationState(learned=planner.learned)
             self._write()  # a file that cannot be written is reported now
-            self.navigator = Navigator(RoutePlanner(
-                load_floor(settings.floor), self._knowledge, self._kept), self._knowledge)
             warm_up(self._knowledge, 'rollout')
             self.navigator.planner.warm_up()
             self._crossing = CrossingDriver(self._knowledge)
@@ -266,7 +266,7 @@ class NavigatorNode(ManagedNode):
 
     def _forget(self) -> str:
         """Delete the learned data of the floor."""
-        self.state = replace(self.state, learned=Learned())
+        self.state = replace(self.state, learned=Learned(places=self.state.learned.places))
         if self.navigator is not None:
             self.navigator.planner.learn(self.state.learned)
         self._keep()

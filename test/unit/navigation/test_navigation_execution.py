@@ -14,6 +14,7 @@ from ballbot_ros.navigation import RoutePlanner
 from ballbot_ros.navigation.execution import (
     ALIGNMENTS_MAX, CommandKind, CrossingReport, NavigationState, Navigator, NavStatus, Percept,
     SEGMENT_TOLERANCE)
+from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.navigation.route import CLEARANCE
 from ballbot_ros.navigation.tracking import Path
 from ballbot_ros.physics import load_robot
@@ -288,6 +289,16 @@ def test_a_new_map_is_used_for_planning_after_a_stop(navigator):
     assert ball.state.status is NavStatus.STOPPING
     ball.run(20.0)
     assert (ball.state.status, ball.state.reason) == (NavStatus.FAILED, 'wall') and at_rest(ball)
+
+
+def test_a_new_map_without_the_first_feature_keeps_the_heights_of_the_others(navigator):
+    floor = load_floor('apartment')
+    state = navigator.begin(NavigationState(
+        learned=Learned(heights=((0, 0.02), (2, 0.04)))),
+        (2.9, 2.2), Percept(0.0, *KITCHEN, 0.0, 0.0))
+    planner = RoutePlanner(replace(floor, features=floor.features[1:]), KNOWLEDGE)
+    state = navigator.with_planner(state, planner)
+    assert state.learned.heights == planner.learned.heights == ((1, 0.04),)
 
 
 def test_a_ball_without_progress_learns_an_obstacle(navigator):

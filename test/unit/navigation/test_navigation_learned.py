@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Learned data of a floor: outcomes are counted, and files of earlier versions are read."""
+from dataclasses import replace
 import json
 
 import pytest
 
+from ballbot_ros.floors.floor import Feature
 from ballbot_ros.navigation.learned import Learned
 
 ATTEMPTS = [(3, 1, 0.5, True)] * 4 + [(3, 1, 0.2, False)] * 2 + [(3, -1, 0.5, False)]
@@ -29,3 +31,14 @@ def test_a_file_with_a_row_for_each_attempt_gives_the_same_probability(tmp_path)
     assert learned.probability(3, 1, 0.2, 0.8) == pytest.approx((5 * 0.8 + 0) / 7)
     assert learned.probability(3, -1, 0.35, 0.8) == pytest.approx((5 * 0.8 + 0) / 6)
     assert learned.probability(4, 1, 0.5, 0.8) == 0.8
+
+
+def test_learned_data_stay_with_their_feature_when_the_floor_changes(tmp_path):
+    sill, cord, rug = (Feature(kind=kind, line=[[0.0, y], [1.0, y]], height=0.01)
+                       for kind, y in (('step', 0.5), ('cord', 1.0), ('threshold', 1.5)))
+    before = replace(Learned().on([sill, cord]), obstacles=((0.2, 0.3),)) \
+        .with_height(0, 0.02).with_height(1, 0.03).with_outcome(1, -1, 0.5, False)
+    before.write(tmp_path / 'learned.json')
+    after = Learned.read(tmp_path / 'learned.json').on([rug, replace(cord, height=0.02)])
+    assert (after.heights, after.outcomes) == (((1, 0.03),), ((1, -1, 0.5, False, 1),))
+    assert after.obstacles == before.obstacles
