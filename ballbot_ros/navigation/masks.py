@@ -11,7 +11,7 @@ from typing import List
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.floors.floor import distance_to_segment, FREE, inside
+from ballbot_ros.floors.floor import distance_to_segment, inside
 from ballbot_ros.navigation.route import RoutePlanner
 
 # Types of nav2_msgs/CostmapFilterInfo: keep-out zones, and speed limits in percent.
@@ -41,7 +41,7 @@ def write_masks(planner: RoutePlanner, folder: Path) -> List[Path]:
     from PIL import Image
     floor = planner.floor
     x, y = floor.centers
-    keep_out = floor.cells != FREE
+    keep_out = ~planner.free
     percent: NDArray[np.float64] = np.full(keep_out.shape, 100.0)
     for edges, feature in zip(planner.boundaries, floor.features):
         if planner.is_closed(feature):

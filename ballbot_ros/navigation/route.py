@@ -210,6 +210,8 @@ class RoutePlanner:
         Features of the floor with their learned heights.
     boundaries : list of list of Boundary
         Boundaries of each feature, without the parts where a ramp leads to the level behind.
+    free : (rows, columns) bool array
+        Cells of the floor that are free, and on which the ball can stand.
     ball_radius : float
         [m]
     drop_distance : float
@@ -410,10 +412,10 @@ class RoutePlanner:
         rows, columns = (max(1, round(length / size)) for length in (top - bottom, right - left))
         self._x = left + (np.arange(columns)[None, :] + 0.5) * size
         self._y = bottom + (np.arange(rows)[:, None] + 0.5) * size
-        free = floor.cells == FREE
+        self.free = floor.cells == FREE
         if floor.heights is not None:
-            free &= self._inclination(floor.heights) <= self._steepest
-        clear: NDArray[np.float64] = ndimage.distance_transform_edt(np.pad(free, 1))
+            self.free &= self._inclination(floor.heights) <= self._steepest
+        clear: NDArray[np.float64] = ndimage.distance_transform_edt(np.pad(self.free, 1))
         # The edge of an occupied cell is half a cell before its centre.
         clear = (clear[1:-1, 1:-1] - 0.5) * floor.resolution
         at = (np.clip(((self._y - bottom) / floor.resolution).astype(int), 0, clear.shape[0] - 1),

@@ -727,7 +727,7 @@ def test_no_run_up_is_on_a_floor_with_less_friction_than_the_decision_assumes(
 
 
 @pytest.mark.parametrize('height, through', [(0.06, True), (0.3, False)])
-def test_a_route_leads_around_a_hill_on_which_the_ball_cannot_stand(height, through):
+def test_a_route_leads_around_a_hill_on_which_the_ball_cannot_stand(height, through, tmp_path):
     """The hill is a cosine with a radius of 2 m: its steepest slope is pi/4 height / 1 m."""
     y, x = np.meshgrid(np.arange(0.0, 6.0, 0.05), np.arange(0.0, 6.0, 0.05), indexing='ij')
     away = np.hypot(x - 3.0, y - 3.0)
@@ -738,6 +738,9 @@ def test_a_route_leads_around_a_hill_on_which_the_ball_cannot_stand(height, thro
     points = planner.route((0.6, 3.0), (5.4, 3.0)).points
     nearest = min(math.dist(point, (3.0, 3.0)) for point in points)
     assert (nearest < 0.3) == through and through == (0.25 * math.pi * height < math.tan(0.0756))
+    write_masks(planner, tmp_path)
+    mask = np.asarray(Image.open(tmp_path / 'keepout_mask.pgm'))[::-1]
+    assert (mask[floor.cell_of((2.0, 3.0))] == 255) == through
 
 
 def test_a_start_close_to_stairs_is_not_separated_from_the_goal(flat):
