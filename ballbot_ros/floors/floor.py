@@ -96,12 +96,14 @@ class Feature(Checked):
                     'friction must be given for an area of kind friction and no other, got '
                     f'{self.friction!r} for kind {self.kind}', 'inconsistent', 'friction')
         with problems.collected():
-            least = 'more than' if self.kind in (
-                'step', 'threshold', 'cord', 'carpet', 'ramp') else 'at least'
-            if self.kind != 'level' and not (
-                    self.height > 0.0 or least == 'at least' and self.height == 0.0):
+            allowed, bound = self.height >= 0.0, 'at least'
+            if self.kind == 'level':
+                allowed, bound = self.height != 0.0, 'different from'
+            elif self.kind in ('step', 'threshold', 'cord', 'carpet', 'ramp'):
+                allowed, bound = self.height > 0.0, 'more than'
+            if not allowed:
                 raise ConfigurationError(
-                    f'height of a {self.kind} must be {least} 0 m, got {self.height:g}',
+                    f'height of a {self.kind} must be {bound} 0 m, got {self.height:g}',
                     'out_of_range', 'height')
         problems.refuse()
 

@@ -114,6 +114,8 @@ features:
      '  - {kind: step, line: [[1, 1], [1, 1]], height: 0.02}', ('wrong_type', 'line')),
     ('walls: {size: [4, 4], lines: []}\nfeatures:\n  - {kind: keep_out, '
      'polygon: [[1, 1], [2, 2], [2, 1], [1, 2]]}', ('inconsistent', 'polygon')),
+    ('walls: {size: [4, 4], lines: []}\nfeatures:\n'
+     '  - {kind: level, polygon: [[1, 1], [2, 1], [2, 2]]}', ('out_of_range', 'height')),
     ('robot: gimball\nterrain: []\nduration: 3', ('wrong_kind', 'floor'))])
 def test_a_floor_that_contradicts_itself_is_refused(text, refusal, tmp_path):
     assert refusal in refusals(tmp_path / 'f.yaml', text)
