@@ -66,8 +66,8 @@ def write_masks(planner: RoutePlanner, folder: Path) -> List[Path]:
                              folder / f'{name}_filter_info.yaml')
         Image.fromarray(shades).save(image)
         yaml.write_text(
-            f'image: {image.name}\nmode: scale\nresolution: {floor.resolution:g}\n'
-            f'origin: [{floor.origin[0]:g}, {floor.origin[1]:g}, 0.0]\nnegate: 0\n'
+            f'image: {image.name}\nmode: scale\nresolution: {floor.resolution!r}\n'
+            f'origin: [{floor.origin[0]!r}, {floor.origin[1]!r}, 0.0]\nnegate: 0\n'
             'occupied_thresh: 1.0\nfree_thresh: 0.0\n', encoding='utf-8')
         info.write_text(
             f'{name}_costmap_filter_info_server:\n  ros__parameters:\n    type: {kind}\n'

@@ -15,7 +15,7 @@ from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.errors import ConfigurationError, RefusedError
 from ballbot_ros.floors import load_floor
-from ballbot_ros.floors.floor import distance_to_segment, Floor, Heights, inside
+from ballbot_ros.floors.floor import distance_to_segment, Floor, Heights, inside, read_map
 from ballbot_ros.floors.profile import crossed, cut
 from ballbot_ros.navigation import Capability, RoutePlanner, write_masks
 from ballbot_ros.navigation.capability import RUN_UPS
@@ -391,6 +391,14 @@ def test_masks_keep_nav2_out_of_steps_and_slow_it_near_stairs(flat, tmp_path):
     # No limit far from the stairs, and a lower speed closer to them.
     limits = [255 - int(speed[floor.cell_of((x, 3.4))]) for x in (4.0, 7.2, 7.4)]
     assert limits[0] == 0 and limits[1] > limits[2] > 0
+
+
+def test_masks_lie_on_the_map_far_from_its_origin(tmp_path):
+    corner, resolution = (450123.456, 6543216.7), 1.0 / 30.0
+    floor = Floor('hall', np.zeros((60, 60), np.uint8), resolution, corner, ())
+    for path in write_masks(RoutePlanner(floor, KNOWLEDGE), tmp_path):
+        if path.name.endswith('mask.yaml'):
+            assert read_map(path)[1:] == (resolution, corner)
 
 
 def test_a_keep_out_mask_leaves_foot_and_top_of_a_ramp_open(tmp_path):
