@@ -75,7 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
         from ballbot_ros.figures.canvas import save
         from ballbot_ros.figures.route import route_figure
         save(route_figure(planner.floor, route, planner.ball_radius), arguments.out)
-        print(f'Drawn to {arguments.out}')
+        if not arguments.json:
+            print(f'Drawn to {arguments.out}')
     return DONE
 
 

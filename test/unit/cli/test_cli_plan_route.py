@@ -17,7 +17,8 @@ def test_a_route_is_printed_drawn_and_given_as_json(capsys, tmp_path):
     assert main(['plan-route', *FLAT, '--out', str(picture)]) == 0
     assert 'bedroom step' in capsys.readouterr().out
     assert Image.open(picture).width > 500
-    assert main(['plan-route', *FLAT, '--json']) == 0
+    assert main(['plan-route', *FLAT, '--json', '--out', str(tmp_path / 'again.svg')]) == 0
+    assert (tmp_path / 'again.svg').stat().st_size > 0
     route = json.loads(capsys.readouterr().out)
     # The nearest state of the lattice, whose cells are smaller than 0.12 m.
     assert math.dist(route['segments'][-1]['points'][-1], (5.3, 5.8)) < 0.085
