@@ -833,10 +833,12 @@ class RoutePlanner:
 
     def _refuse(self, shortest: float, passed: List[_Passage], point_gets_there: bool) -> None:
         if not math.isfinite(shortest):
+            # Both grids round the position of the passage.
+            width = 2.0 * (self.ball_radius + CLEARANCE) + self._size + self.floor.resolution
             raise RefusedError(
-                'no route: walls, obstacles, drops, stairs, keep-out areas, edges of ramps, or '
-                f'ramps steeper than {math.degrees(self._steepest):.1f} degrees separate start '
-                'and goal',
+                f'no route: walls, passages narrower than {width:.2f} m, obstacles, drops, '
+                'stairs, keep-out areas, edges of ramps, or ramps steeper than '
+                f'{math.degrees(self._steepest):.1f} degrees separate start and goal',
                 'no_route', 'goal')
         lacks = [self._lack(item) for item in passed if not self._is_crossable(item)]
         if point_gets_there or not lacks:

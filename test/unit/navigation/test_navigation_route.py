@@ -797,3 +797,19 @@ def test_a_refusal_names_a_ramp_that_is_too_steep(tmp_path):
     with pytest.raises(RefusedError) as refusal:
         planner.route((1.0, 2.0), (5.0, 2.0))
     assert 'chute' in str(refusal.value)
+
+
+@pytest.mark.parametrize('resolution', [0.01, 0.05])
+@pytest.mark.parametrize('shift', [0.0, 0.05, 0.1, 0.2])
+def test_a_passage_of_the_width_in_the_refusal_is_found_at_any_position(shift, resolution):
+    def route(width):
+        cells = np.zeros((round(5.0 / resolution), round(4.0 / resolution)), np.uint8)
+        low, middle = round((2.0 + shift) / resolution), cells.shape[1] // 2
+        cells[:, middle - 2:middle + 2] = 2
+        cells[low:low + math.ceil(width / resolution), middle - 2:middle + 2] = 0
+        return RoutePlanner(Floor('wall', cells, resolution, (0.0, 0.0), ()), KNOWLEDGE).route(
+            (1.0, 2.5), (3.0, 2.5))
+    with pytest.raises(RefusedError) as refusal:
+        route(0.5)
+    found, = re.findall(r'narrower than ([0-9.]+) m', str(refusal.value))
+    assert route(float(found)).segments
