@@ -30,6 +30,8 @@ SENSOR = Qos(5, reliable=False)
 # Inputs that are matched by their stamps, and diagnostics.
 SHORT = Qos(20)
 LATCHED = Qos(1, latched=True)
+# Latched messages of several publishers, as the listener of tf2 requests them.
+STATIC = Qos(100, latched=True)
 # Decisions: a recorder receives all of them, other late subscriptions the last one.
 DECISION = Qos(1000, latched=True)
 
@@ -49,7 +51,7 @@ TOPICS: Mapping[str, Topic] = MappingProxyType({
                     'simulated time'),
     '/tf': Topic('tf2_msgs/msg/TFMessage', STATE, STATE, 'simulator, bridge', 'navigator',
                  'transforms between the [frames](#frames), where tf2_msgs is installed'),
-    '/tf_static': Topic('tf2_msgs/msg/TFMessage', LATCHED, LATCHED, 'simulator, bridge',
+    '/tf_static': Topic('tf2_msgs/msg/TFMessage', LATCHED, STATIC, 'simulator, bridge',
                         'navigator', 'transforms that do not change'),
     '/diagnostics': Topic('diagnostic_msgs/msg/DiagnosticArray', SHORT, SHORT,
                           'simulator, controller, obstacle_decision, navigator, bridge, imu', '',

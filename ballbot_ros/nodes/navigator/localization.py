@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pose on the map from /tf and odom, and the points of the laser scan on it."""
 import math
-from typing import Any, Optional, Tuple
+from typing import Any, Dict, Optional, Tuple
 
+import numpy as np
+from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import LaserScan
 
@@ -25,23 +27,42 @@ def heading_of(orientation: Any) -> float:
     return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
+def rotation_of(orientation: Any) -> NDArray[np.float64]:
+    """Return the rotation matrix of a quaternion of any length, NaN if all components are 0."""
+    vector = np.array([orientation.x, orientation.y, orientation.z])
+    square = orientation.w**2 + float(vector @ vector)
+    if not square:
+        return np.full((3, 3), math.nan)
+    skew = np.cross(np.eye(3), vector)
+    matrix: NDArray[np.float64] = np.eye(3) + 2.0 / square * (
+        orientation.w * skew + skew @ skew)
+    return matrix
+
+
 class Localization:
-    """Subscribes to the transform from the map to odom, and to scan."""
+    """Subscribes to the transforms from the map to odom and to the laser, and to scan."""
 
     def __init__(self, node: Node, settings: NavigatorSettings):
         self._map, self._odom = settings.map_frame, settings.odom_frame
         self._log = node.get_logger()
+        self._localized = settings.localized
         self._offset: Optional[Pose] = None if settings.localized else (0.0, 0.0, 0.0)
+        self._mounts: Dict[str, Any] = {}  # static transforms by their child frames
         self._scan: Optional[LaserScan] = None
         create_subscription(node, 'scan', self._on_scan)
-        if not settings.localized:
-            return
         try:
-            for topic in ('/tf', '/tf_static'):
-                create_subscription(node, topic, self._on_transforms)
+            create_subscription(node, '/tf_static', self._on_static)
+            if settings.localized:
+                create_subscription(node, '/tf', self._on_transforms)
         except ConfigurationError as error:
-            node.get_logger().error(
-                f'{error}; or set localized to false, if {self._odom} coincides with {self._map}')
+            if settings.localized:
+                self._log.error(f'{error}; or set localized to false, if {self._odom} coincides '
+                                f'with {self._map}')
+
+    def _on_static(self, message: Any) -> None:
+        self._mounts.update((item.child_frame_id, item) for item in message.transforms)
+        if self._localized:
+            self._on_transforms(message)
 
     def _on_transforms(self, message: Any) -> None:
         for item in message.transforms:
@@ -64,21 +85,44 @@ class Localization:
         """
         Return the points of a new scan on the map [m]; None without one since a time [s].
 
-        The pose is that of the frame `base`; a scan in another frame is refused.
+        The pose is that of the frame `base`; a scan in a frame without a static transform from it
+        is refused.
         """
         scan, self._scan = self._scan, None
         if scan is None or to_seconds(scan.header.stamp) < since:
             return None
-        if scan.header.frame_id != base:
+        mount = self._mount(base, scan.header.frame_id)
+        if mount is None:
             self._log.warning(
-                f'scan refused: it must be in the frame {base!r}, the child_frame_id of odom, '
-                f'got {scan.header.frame_id!r}', throttle_duration_sec=1.0)
+                f'scan refused: no static transform from {base!r}, the child_frame_id of odom, to '
+                f'{scan.header.frame_id!r}; publish it on /tf_static', throttle_duration_sec=1.0)
             return None
         x, y, heading = pose
-        step = max(1, len(scan.ranges) // MOST_POINTS)
-        return tuple(
-            (x + distance * math.cos(angle), y + distance * math.sin(angle))
-            for number in range(0, len(scan.ranges), step)
-            for distance in [float(scan.ranges[number])]
-            for angle in [heading + scan.angle_min + number * scan.angle_increment]
-            if math.isfinite(distance + angle) and scan.range_min <= distance < scan.range_max)
+        chosen = slice(None, None, max(1, len(scan.ranges) // MOST_POINTS))
+        distance = np.array(scan.ranges, float)[chosen]
+        angle = scan.angle_min + np.arange(len(scan.ranges))[chosen] * scan.angle_increment
+        seen = (scan.range_min <= distance) & (distance < scan.range_max) \
+            & np.isfinite(distance + angle)
+        distance, angle = distance[seen], angle[seen]
+        turn, place = mount
+        ahead, left = turn[:2, :2] @ (distance * np.cos(angle), distance * np.sin(angle)) \
+            + place[:2, None]
+        points = np.column_stack((
+            x + math.cos(heading) * ahead - math.sin(heading) * left,
+            y + math.sin(heading) * ahead + math.cos(heading) * left))
+        return tuple(map(tuple, points[np.isfinite(points).all(axis=1)].tolist()))
+
+    def _mount(self, base: str, frame: str
+               ) -> Optional[Tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """Return rotation and position [m] of a frame in the frame `base`, None if unknown."""
+        turn, place = np.eye(3), np.zeros(3)
+        for _ in range(len(self._mounts) + 1):
+            if frame == base:
+                return turn, place
+            if frame not in self._mounts:
+                return None
+            item = self._mounts[frame]
+            rotation, move = rotation_of(item.transform.rotation), item.transform.translation
+            turn, place = rotation @ turn, rotation @ place + (move.x, move.y, move.z)
+            frame = item.header.frame_id
+        return None  # the transforms form a cycle

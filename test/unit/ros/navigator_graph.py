@@ -81,9 +81,18 @@ class Graph:
         assert self.spin(seconds, future.done)
         return future.result()
 
-    def scan(self, age, *ranges):
-        """Publish a scan straight ahead."""
-        message = LaserScan(ranges=ranges, range_max=8.0, angle_increment=0.01)
+    def mount(self, parent, child, place, turn):
+        """Publish a static transform, each by a publisher of its own."""
+        transform = TransformStamped(child_frame_id=child)
+        transform.header.frame_id, transform.transform.rotation = parent, turn
+        move = transform.transform.translation
+        move.x, move.y, move.z = place
+        self.client.create_publisher(TFMessage, '/tf_static', qos.LATCHED).publish(
+            TFMessage(transforms=[transform]))
+
+    def scan(self, age, *ranges, increment=0.01):
+        """Publish a scan that begins straight ahead."""
+        message = LaserScan(ranges=ranges, range_max=8.0, angle_increment=increment)
         message.header.frame_id = self.frames['scan']
         message.header.stamp = to_time(self.time - age)
         self.scans.publish(message)

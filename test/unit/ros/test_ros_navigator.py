@@ -6,6 +6,7 @@ import time
 from geometry_msgs.msg import Quaternion
 from nav_msgs.msg import Odometry
 from navigator_graph import Graph, START
+import numpy as np
 import pytest
 import rclpy
 from rclpy.parameter import Parameter
@@ -176,8 +177,8 @@ def test_a_curve_of_another_robot_ends_the_node(context):
 
 @pytest.mark.parametrize('age, frame, seen', [
     (0.0, 'base_link', True), (2.0, 'base_link', False), (0.0, 'laser', False)],
-    ids=['new', 'stale', 'wrong frame'])
-def test_an_obstacle_counts_in_a_new_scan_of_the_right_frame_only(
+    ids=['new', 'stale', 'unknown frame'])
+def test_an_obstacle_counts_in_a_new_scan_of_a_known_frame_only(
         graph, capfd, age, frame, seen):
     graph.frames['scan'] = frame
 
@@ -187,8 +188,45 @@ def test_an_obstacle_counts_in_a_new_scan_of_the_right_frame_only(
     graph.send(2.7, 1.4)
     assert graph.spin(60.0, decided)
     assert bool(graph.node.state.learned.obstacles) == seen
-    refused = "must be in the frame 'base_link', the child_frame_id of odom, got 'laser'"
+    refused = "no static transform from 'base_link', the child_frame_id of odom, to 'laser'"
     assert (refused in capfd.readouterr().err) == (frame == 'laser')
+
+
+def test_a_scan_of_a_laser_that_is_mounted_upside_down_is_transformed(graph):
+    """The laser is turned to the left on a mount that is turned over about the x axis."""
+    half = math.sqrt(0.5)
+    graph.mount('base_link', 'mount', (0.1, 0.02, 0.2), Quaternion(x=3.0, w=0.0))
+    graph.mount('mount', 'laser', (0.0, 0.0, 0.0), Quaternion(z=half, w=half))
+    graph.frames['scan'], found = 'laser', []
+
+    def received():
+        graph.scan(0.0, 2.0, math.nan, 1.0, math.inf, -1.0, increment=-0.5 * math.pi)
+        percept = graph.node.percept
+        if percept is not None and percept.points is not None:
+            found.append(percept)
+        return found
+    assert graph.spin(20.0, received)
+    x, y, heading = found[0][1:4]
+    ahead = np.array([math.cos(heading), math.sin(heading)])
+    left = np.array([-ahead[1], ahead[0]])
+    # The rays at 0 and -180 degrees in the scan point to the right and to the left of the robot.
+    assert np.allclose(found[0].points, [
+        (x, y) + 0.1 * ahead + (0.02 - 2.0) * left,
+        (x, y) + 0.1 * ahead + (0.02 + 1.0) * left], atol=1e-6)
+
+
+@pytest.mark.parametrize('end', ['laser', 'mount'])
+def test_a_scan_in_a_cycle_of_static_transforms_is_refused(graph, capfd, end):
+    graph.mount('laser', 'mount', (0.1, 0.0, 0.0), Quaternion(w=1.0))
+    graph.mount(end, 'laser', (0.1, 0.0, 0.0), Quaternion(w=1.0))
+    graph.frames['scan'] = 'laser'
+    refused = []
+
+    def received():
+        graph.scan(0.0, 2.0)
+        refused.append('scan refused' in capfd.readouterr().err)
+        return any(refused)
+    assert graph.spin(20.0, received) and graph.node.percept.points is None
 
 
 @pytest.mark.parametrize('refused', ['wrong_frame', 'several_publishers'])
