@@ -30,9 +30,13 @@ def called(capsys, *words):
 
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_the_block_as_an_exception_with_the_code_of_a_shell(number):
-    with pytest.raises(SystemExit) as caught, ending_by_signal():
-        os.kill(os.getpid(), number)
-        time.sleep(10.0)
+    before = signal.signal(number, signal.SIG_DFL)  # under nohup, SIGHUP is ignored
+    try:
+        with pytest.raises(SystemExit) as caught, ending_by_signal():
+            os.kill(os.getpid(), number)
+            time.sleep(10.0)
+    finally:
+        signal.signal(number, before)
     assert caught.value.code == 128 + number
 
 
