@@ -88,11 +88,12 @@ def add_masks(parser: argparse.ArgumentParser) -> None:
 
 
 def masks(arguments: argparse.Namespace) -> int:
-    from ballbot_ros.navigation import write_masks
+    from ballbot_ros.navigation.masks import mask_files, write_masks
     if not arguments.out.is_dir():
         raise ConfigurationError(
             f'--out: {arguments.out} is not a folder; create it first', 'missing', '--out')
-    check_new_file(arguments.out / 'keepout_mask.pgm', arguments.overwrite)
+    for path in mask_files(arguments.out):
+        check_new_file(path, arguments.overwrite)
     for path in write_masks(_planner(arguments), arguments.out):
         print(path)
     return DONE

@@ -20,6 +20,12 @@ KEEP_OUT, SPEED_PERCENT = 0, 1
 LIMIT_RISE_DISTANCE = 1.0
 
 
+def mask_files(folder: Path) -> List[Path]:
+    """Return the files that `write_masks` writes: image, YAML file and parameters of each mask."""
+    return [folder / f'{mask}_{part}' for mask in ('keepout', 'speed')
+            for part in ('mask.pgm', 'mask.yaml', 'filter_info.yaml')]
+
+
 def write_masks(planner: RoutePlanner, folder: Path) -> List[Path]:
     """
     Write keep-out and speed masks with the parameters of Nav2's servers.
@@ -34,8 +40,8 @@ def write_masks(planner: RoutePlanner, folder: Path) -> List[Path]:
     Returns
     -------
     list of Path
-        Two images, their YAML files for map_server, and the parameters of the two
-        costmap_filter_info_server nodes.
+        The files, see `mask_files`: two images, their YAML files for map_server, and the
+        parameters of the two costmap_filter_info_server nodes.
 
     """
     from PIL import Image
@@ -56,14 +62,13 @@ def write_masks(planner: RoutePlanner, folder: Path) -> List[Path]:
             keep_out |= falls & (distance < planner.drop_distance)
             beyond = np.clip((distance - planner.drop_distance) / LIMIT_RISE_DISTANCE, 0.1, 1.0)
             percent = np.where(falls, np.minimum(percent, 100.0 * beyond), percent)
-    written = []
+    files = mask_files(folder)
     # map_server in the mode scale: occupancy from 0 (white) to 100 (black).
     limited = np.where(percent < 100.0, percent, 0.0)
-    for name, kind, mask in (('keepout', KEEP_OUT, 100.0 * keep_out),
-                             ('speed', SPEED_PERCENT, limited)):
+    for name, kind, mask, (image, yaml, info) in (
+            ('keepout', KEEP_OUT, 100.0 * keep_out, files[:3]),
+            ('speed', SPEED_PERCENT, limited, files[3:])):
         shades = np.round(255.0 - 2.55 * mask).astype(np.uint8)[::-1]
-        image, yaml, info = (folder / f'{name}_mask.pgm', folder / f'{name}_mask.yaml',
-                             folder / f'{name}_filter_info.yaml')
         Image.fromarray(shades).save(image)
         yaml.write_text(
             f'image: {image.name}\nmode: scale\nresolution: {floor.resolution!r}\n'
@@ -73,5 +78,4 @@ def write_masks(planner: RoutePlanner, folder: Path) -> List[Path]:
             f'{name}_costmap_filter_info_server:\n  ros__parameters:\n    type: {kind}\n'
             f'    filter_info_topic: {name}_filter_info\n    mask_topic: {name}_filter_mask\n'
             '    base: 0.0\n    multiplier: 1.0\n', encoding='utf-8')
-        written += [image, yaml, info]
-    return written
+    return files

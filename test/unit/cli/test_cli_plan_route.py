@@ -2,6 +2,7 @@
 """``ballbot plan-route`` and ``ballbot floor-masks``."""
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 from PIL import Image
@@ -73,6 +74,11 @@ def test_masks_need_a_folder_and_are_not_replaced_silently(capsys, tmp_path, ref
     error = refusal(*words, tmp_path / 'none')
     assert (error.reason, error.field) == ('missing', '--out')
     assert main([*words, str(tmp_path)]) == 0
-    capsys.readouterr()
-    error = refusal(*words, tmp_path)
-    assert error.reason == 'exists' and 'keepout_mask.pgm' in str(error)
+    written = [Path(line) for line in capsys.readouterr().out.splitlines()]
+    assert len(written) == 6
+    for kept in written:
+        for path in written:
+            path.unlink(missing_ok=True)
+        kept.touch()
+        error = refusal(*words, tmp_path)
+        assert error.reason == 'exists' and str(kept) in str(error)
