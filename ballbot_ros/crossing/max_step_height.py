@@ -17,7 +17,8 @@ The option `scan` checks this assumption.
 from concurrent.futures import ThreadPoolExecutor
 import os
 from threading import local
-from typing import Any, Callable, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import (
+    Any, Callable, Iterator, List, NamedTuple, Optional, Sequence, Tuple, TypeVar, Union)
 
 import numpy as np
 
@@ -147,6 +148,8 @@ ANGLE = quantity('rad', 'angle of the pendulum at first contact').metadata
 SCAN = count('number of heights tried on each side', maximum=10_000).metadata
 # An actuation, or a function that returns one for a speed [m/s].
 Actuations = Union[Actuation, Callable[[float], Actuation]]
+Item = TypeVar('Item')
+Found = TypeVar('Found')
 
 
 class MaxStepHeight(NamedTuple):
@@ -292,8 +295,20 @@ def max_step_heights(robot: RobotLike, speeds: Sequence[float],
         drive = actuation(speed) if callable(actuation) else actuation
         return max_step_height(robot, speed, drive, pendulum_angle, accuracy, site, rules,
                                options, scan)
+    return list(parallel_searches(find, speeds, threads))
+
+
+def parallel_searches(find: Callable[[Item], Found], items: Sequence[Item],
+                      threads: Optional[int] = None) -> Iterator[Found]:
+    """
+    Yield the results of searches in their order, which run in threads, by default one per core.
+
+    The first one, which may compile kernels, runs in the thread of the caller: Ctrl-C ends it at
+    once, and a search in another thread only when that is finished.
+    """
+    yield from map(find, items[:1])
     with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
-        return list(pool.map(find, speeds))
+        yield from pool.map(find, items[1:])
 
 
 def rolling(robot: Robot, actuation: Actuation = Actuation()) -> Callable[[float], Actuation]:

@@ -7,12 +7,10 @@ cubic below all simulated heights minus their errors, at speeds so close that it
 heights between them; a linear program.  **Band**: the maximum heights of many robots drawn from
 the ranges of the uncertain parameters.
 """
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 import itertools
 import json
 import math
-import os
 import textwrap
 from typing import Any, Callable, Dict, Optional, Sequence, Tuple
 
@@ -23,6 +21,7 @@ import yaml
 from ballbot_ros import __version__
 from ballbot_ros.config.fields import Checked, count, quantity
 from ballbot_ros.crossing import actuation_for, max_step_height, Rules
+from ballbot_ros.crossing.max_step_height import parallel_searches
 from ballbot_ros.decision.planning.curve import Band, CurveProvenance, HeightCurve
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Actuation, Robot
@@ -98,10 +97,10 @@ def fit_curve(name: str, robot: Robot, actuation: Actuation, wording: str,
 
     def all_of(robots: Sequence[Robot], speeds: Array) -> Array:
         rows = []
-        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-            for row in pool.map(find, [(each, speed) for each in robots for speed in speeds]):
-                rows.append(row)
-                progress(next(done))
+        for row in parallel_searches(
+                find, [(each, float(speed)) for each in robots for speed in speeds]):
+            rows.append(row)
+            progress(next(done))
         return np.array(rows).reshape(len(robots), len(speeds), 2)
 
     heights, errors = all_of([robot], dense)[0].T

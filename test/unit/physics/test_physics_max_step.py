@@ -2,6 +2,7 @@
 """The fast search agrees with the reference search, and its error is an upper bound."""
 from dataclasses import replace
 import math
+import threading
 
 import numpy as np
 import pytest
@@ -68,6 +69,18 @@ def test_a_stricter_search_stays_within_the_error(drive):
         for found, best in zip(max_step_heights(robot, speeds, law, accuracy=accuracy), exact):
             assert found.error <= accuracy
             assert abs(found.height - best.height) <= found.error + best.error
+
+
+def test_only_the_first_search_runs_in_the_thread_of_the_caller():
+    """It may compile: Ctrl-C would not end the compilation of another thread."""
+    threads = []
+
+    def drive(speed):
+        threads.append((speed, threading.get_ident()))
+        return Actuation()
+    max_step_heights('gimball', [0.3, 0.4, 0.5], drive, accuracy=1e-3)
+    assert [thread == threading.get_ident() for _, thread in sorted(threads)] == [
+        True, False, False]
 
 
 def test_slopes_and_frictions_change_the_height_in_the_expected_direction():
