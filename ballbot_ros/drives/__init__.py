@@ -23,7 +23,8 @@ With an emulated drive in memory:
     >>> from ballbot_ros.drives.emulated_device import DriveSettings
     >>> from ballbot_ros.drives.memory_line import MemoryLine
     >>> line = MemoryLine(device_class('vesc')(DriveSettings(torque_limit=0.05)))
-    >>> driver = open_driver('vesc', line, read_options('vesc', {'torque_limit': 0.05}, 'here'))
+    >>> options = read_options('vesc', {'torque_limit': 0.05}, 'here')
+    >>> driver = open_driver('vesc', line, options, line.clock)
     >>> driver.identify().protocol
     'vesc'
     >>> driver.arm()
