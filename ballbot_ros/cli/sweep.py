@@ -97,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
         spent = perf_counter() - start
         new = plan.size - found.resumed
         print(f'{arguments.out}: {plan.size} cases, {new} of them run now, in {spent:.1f} s '
-              f'({1e3 * spent * number / max(new, 1):.3g} ms CPU per case)')
+              f'({1e3 * spent * number / max(new, 1):.1f} ms CPU per case)')
     return DONE
 
 

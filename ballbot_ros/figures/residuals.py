@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Residuals of an identified model, channel by channel."""
+import textwrap
 from typing import Any, Mapping, Tuple
 
 from matplotlib.figure import Figure
@@ -38,7 +39,8 @@ def residual_figure(series: Mapping[str, Tuple[Array, Array]], channels: Mapping
                             + (f'.  {words}' if words else ''), fontsize=8.0, loc='left',
                             color=canvas.INK if not words else canvas.VERMILION)
         figure.suptitle(title, fontsize=11.0)
-        axes[-1].set_xlabel(f'time [s]; dashed: twice the RMS\n{command}')
+        caption = textwrap.fill(command, 88, break_on_hyphens=False)
+        axes[-1].set_xlabel(f'time [s]; dashed: twice the RMS\n{caption}')
         figure.align_ylabels(axes)
         figure.tight_layout()
     return figure

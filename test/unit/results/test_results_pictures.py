@@ -82,6 +82,16 @@ def test_a_residual_plot_states_a_bad_fit_and_its_command():
     assert 'ballbot identify mine.yaml run.csv' in figure.axes[-1].get_xlabel()
 
 
+def test_the_complete_command_is_visible_below_a_residual_plot():
+    time, command = np.linspace(0.0, 1.0, 9), 'ballbot identify ' + 'runs/measured.csv ' * 12
+    channels = {'x': channel_fit(np.sin(time), 1e-3 * np.cos(time), 1e-3, 0.0)}
+    figure = residual_figure({'x': (time, time)}, channels, 'mine', command)
+    figure.canvas.draw()
+    drawn = figure.axes[-1].xaxis.label.get_window_extent()
+    assert drawn.x0 >= 0.0 and drawn.x1 <= figure.bbox.width and drawn.y0 >= 0.0
+    assert figure.axes[-1].get_xlabel().split()[-12:] == ['runs/measured.csv'] * 12
+
+
 def test_integration_error_alone_does_not_warn():
     time = np.linspace(0.0, 1.0, 400)
     assert channel_fit(np.sin(time), 1e-8 * np.cos(time), 1e-12, 1e-8).verdict == 'good'
