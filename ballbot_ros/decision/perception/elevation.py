@@ -143,8 +143,8 @@ class ElevationMap:
 
     Each node has a Kalman filter, which averages scans with weights 1 / variance.  As z is
     relative to the centre of a ball that moves up and down, a scan is first shifted and tilted to
-    fit its overlap with the map.  After the first scan, a node becomes known when two scans agree:
-    no later scan could correct an outlier in ground that is occluded from then on.
+    fit its overlap with the map.  After the first scan, a node becomes known when two consecutive
+    scans agree: in occluded ground there are outliers only, which no later scan would correct.
     """
 
     def __init__(self, tuning: DecisionTuning):
@@ -293,6 +293,7 @@ class ElevationMap:
         old[:] = np.where(seen, old + gain * np.where(fused, residual, new - old), old)
         variance[:] = np.where(fused, (1.0 - gain) * faded, variance)
         variance[fresh] = new_variance[fresh]
+        variance[~known & ~seen] = np.inf
 
     def _follow(self, position: float) -> None:
         """Move the map with the ball."""

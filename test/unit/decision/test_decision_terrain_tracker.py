@@ -10,6 +10,7 @@ from tiers import slow
 from ballbot_ros.decision import (
     DecisionTuning, Motion, ProfileTracker, Reason, TerrainObservation)
 from ballbot_ros.decision.perception import GroundFusion
+from ballbot_ros.decision.perception.elevation import CELL, ElevationMap, Scan
 from ballbot_ros.decision.perception.kernels import medians
 from ballbot_ros.physics import Terrain
 from ballbot_ros.physics.model.robot import load_robot
@@ -385,3 +386,19 @@ def test_medians_are_those_of_seven_neighbours_with_the_ends_reflected(count):
     middles = np.median(near, axis=1)
     spread = np.median(np.abs(near - middles[:, None]), axis=1)
     assert np.array_equal(medians(values), [middles, spread])
+
+
+@pytest.mark.parametrize('between', [0, 1, 5])
+def test_a_node_of_the_map_becomes_known_when_two_consecutive_scans_agree(between):
+    """Outliers in occluded ground agree by chance, too, but seldom in consecutive scans."""
+    found, position = ElevationMap(DecisionTuning()), 0.5
+
+    def scan(node):
+        z = np.zeros(100)
+        z[60] = node
+        none = np.zeros(100)
+        return Scan(0, z, none, np.ones(100), none, none, CELL)
+    for node in (math.nan, 0.05, *[math.nan] * between, 0.05):
+        assert found.add(scan(node), position) == ''
+    assert found.known[60 - found.first] == (between == 0)
+    assert found.known[59 - found.first]
