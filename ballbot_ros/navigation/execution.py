@@ -34,8 +34,8 @@ REST_TIME_MIN = 0.4
 SEGMENT_TOLERANCE, GOAL_TOLERANCE = 0.03, 0.15
 # Deviation from the heading of a path that triggers a replan [rad].
 HEADING_ERROR_MAX = math.radians(45.0)
-# Alignments before a new route is planned, and the distance that the ball backs off for one: the
-# errors decay twice, backward and forward [m].
+# Alignments before a crossing starts regardless, and the distance that the ball backs off for one:
+# the errors decay twice, backward and forward [m].
 ALIGNMENTS_MAX, ALIGNING_DISTANCE = 2, 2.0 * SETTLING_DISTANCE
 # Localisation jump: motion between percepts in excess of the ball's own [m], and turn [rad].
 JUMP_DISTANCE, JUMP_ANGLE = 0.25, 0.5
@@ -368,7 +368,8 @@ class Navigator:
         if segment.feature is None:
             return state
         assert segment.crossing is not None
-        if not self.planner.aligned((percept.x, percept.y, percept.heading), segment):
+        if state.alignments < ALIGNMENTS_MAX and not self.planner.aligned(
+                (percept.x, percept.y, percept.heading), segment):
             turned = math.remainder(percept.heading - segment.heading, 2.0 * math.pi)
             return self._align(replace(
                 state, alignments=state.alignments + 1,
@@ -378,11 +379,11 @@ class Navigator:
 
     def _align(self, state: NavigationState, crossing: Segment, percept: Percept
                ) -> NavigationState:
-        """Back off along the line of a crossing and return to its start, or replan."""
+        """Back off along the line of a crossing and return to its start; without room, replan."""
         assert state.route is not None
         room = min(self.planner.room_before(crossing), ALIGNING_DISTANCE)
-        if room < 0.5 * ALIGNING_DISTANCE or state.alignments > ALIGNMENTS_MAX:
-            return replace(state, status=NavStatus.STOPPING, next=NavStatus.DRIVING, alignments=0)
+        if room < 0.5 * ALIGNING_DISTANCE:
+            return replace(state, status=NavStatus.STOPPING, next=NavStatus.DRIVING)
         (x, y), heading = crossing.points[0], crossing.heading
         behind = x - room * math.cos(heading), y - room * math.sin(heading)
         there = Segment(((x, y), behind), None, None, room / BACKWARD_SPEED, -1, heading)

@@ -12,8 +12,7 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors import load_floor
 from ballbot_ros.navigation import RoutePlanner
 from ballbot_ros.navigation.execution import (
-    ALIGNMENTS_MAX, CommandKind, CrossingReport, NavigationState, Navigator, NavStatus, Percept,
-    SEGMENT_TOLERANCE)
+    CommandKind, CrossingReport, NavigationState, Navigator, NavStatus, Percept, SEGMENT_TOLERANCE)
 from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.navigation.route import CLEARANCE
 from ballbot_ros.navigation.tracking import Path
@@ -332,8 +331,7 @@ def test_a_ball_stuck_at_a_mapped_wall_leaves_in_the_other_direction_and_learns_
     assert ball.state.segment.direction == -direction
 
 
-def ball_beside_a_crossing(navigator):
-    """Return a ball at the start of its crossing, 0.25 m beside the line."""
+def test_a_ball_beside_the_line_of_a_crossing_backs_off_and_returns_to_the_line(navigator):
     ball = Ball(navigator, *KITCHEN, 1.57)
     ball.begin(STUDY)
     ball.run(60.0, until=lambda ball: (
@@ -341,11 +339,6 @@ def ball_beside_a_crossing(navigator):
         and ball.state.route.segments[ball.state.index + 1].feature is not None
         and ball.state.path.length - ball.state.along <= SEGMENT_TOLERANCE))
     ball.x += 0.25
-    return ball
-
-
-def test_a_ball_beside_the_line_of_a_crossing_backs_off_and_returns_to_the_line(navigator):
-    ball = ball_beside_a_crossing(navigator)
     ball.run(10.0, until=lambda ball: ball.state.alignments == 1)
     there, back, crossing = ball.state.route.segments[ball.state.index:ball.state.index + 3]
     assert (there.direction, back.direction) == (-1, 1) and crossing.feature is not None
@@ -353,16 +346,6 @@ def test_a_ball_beside_the_line_of_a_crossing_backs_off_and_returns_to_the_line(
     ball.run(30.0, until=lambda ball: ball.state.status is NavStatus.CROSSING)
     assert at_rest(ball)
     assert math.dist((ball.x, ball.y), crossing.points[0]) < 0.1
-
-
-def test_a_ball_that_alignments_do_not_return_to_the_line_replans(navigator, planner):
-    ball = ball_beside_a_crossing(navigator)
-    ball.state = replace(ball.state, alignments=ALIGNMENTS_MAX)
-    ball.run(10.0, until=lambda ball: ball.state.status is not NavStatus.DRIVING)
-    assert ball.state.status is NavStatus.STOPPING and 'off the line' in ball.state.message
-    ball.run(60.0, until=lambda ball: ball.state.status is NavStatus.CROSSING)
-    assert ball.state.replans == 1
-    assert planner.aligned((ball.x, ball.y, ball.heading), ball.state.segment)
 
 
 def crossing_ball(navigator, degrees):
