@@ -86,16 +86,16 @@ class Localization:
         Return the points of a new scan on the map [m]; None without one since a time [s].
 
         The pose is that of the frame `base`; a scan in a frame without a static transform from it
-        is refused.
+        is refused, and so is one whose transform is not finite or has a quaternion of zeros.
         """
         scan, self._scan = self._scan, None
         if scan is None or to_seconds(scan.header.stamp) < since:
             return None
         mount = self._mount(base, scan.header.frame_id)
-        if mount is None:
+        if mount is None or not all(np.isfinite(part).all() for part in mount):
             self._log.warning(
-                f'scan refused: no static transform from {base!r}, the child_frame_id of odom, to '
-                f'{scan.header.frame_id!r}; publish it on /tf_static', throttle_duration_sec=1.0)
+                f'scan refused: no valid static transform from {base!r}, the child_frame_id of '
+                f'odom, to {scan.header.frame_id!r}; publish it on /tf_static', throttle_duration_sec=1.0)
             return None
         x, y, heading = pose
         chosen = slice(None, None, max(1, len(scan.ranges) // MOST_POINTS))

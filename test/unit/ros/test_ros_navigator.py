@@ -188,7 +188,7 @@ def test_an_obstacle_counts_in_a_new_scan_of_a_known_frame_only(
     graph.send(2.7, 1.4)
     assert graph.spin(60.0, decided)
     assert bool(graph.node.state.learned.obstacles) == seen
-    refused = "no static transform from 'base_link', the child_frame_id of odom, to 'laser'"
+    refused = "no valid static transform from 'base_link', the child_frame_id of odom, to 'laser'"
     assert (refused in capfd.readouterr().err) == (frame == 'laser')
 
 
@@ -215,9 +215,11 @@ def test_a_scan_of_a_laser_that_is_mounted_upside_down_is_transformed(graph):
         (x, y) + 0.1 * ahead + (0.02 + 1.0) * left], atol=1e-6)
 
 
-@pytest.mark.parametrize('end', ['laser', 'mount'])
-def test_a_scan_in_a_cycle_of_static_transforms_is_refused(graph, capfd, end):
-    graph.mount('laser', 'mount', (0.1, 0.0, 0.0), Quaternion(w=1.0))
+@pytest.mark.parametrize('begin, end, turn', [
+    ('laser', 'laser', 1.0), ('laser', 'mount', 1.0), ('base_link', 'mount', 0.0),
+    ('base_link', 'mount', math.nan)], ids=['loop', 'cycle', 'zeros', 'nan'])
+def test_a_scan_with_invalid_static_transforms_is_refused(graph, capfd, begin, end, turn):
+    graph.mount(begin, 'mount', (0.1, 0.0, 0.0), Quaternion(w=turn))
     graph.mount(end, 'laser', (0.1, 0.0, 0.0), Quaternion(w=1.0))
     graph.frames['scan'] = 'laser'
     refused = []
