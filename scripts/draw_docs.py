@@ -12,14 +12,14 @@ sys.path[:0] = [str(ROOT), str(ROOT / 'scripts')]
 
 from stages import path_argument  # noqa: E402, I100, I201
 
-from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning  # noqa: E402
+from ballbot_ros.decision import nominal_knowledge  # noqa: E402
 from ballbot_ros.figures import canvas  # noqa: E402
 from ballbot_ros.figures.route import route_figure  # noqa: E402
 from ballbot_ros.figures.run import animate, save, strip  # noqa: E402
 from ballbot_ros.floors import load_floor  # noqa: E402
 from ballbot_ros.navigation import RoutePlanner  # noqa: E402
 from ballbot_ros.paper.figures import FIGURES  # noqa: E402
-from ballbot_ros.physics import load_robot, load_scene  # noqa: E402
+from ballbot_ros.physics import load_scene  # noqa: E402
 
 # Proportions of the drawing, in ball radii; the penetration is exaggerated.
 RADIUS, STEP, DEEP, PENDULUM = 1.0, 0.42, 0.07, 0.60
@@ -180,9 +180,7 @@ def main():
     animate(crossing, folder / 'crossing.gif', 'fig7_bottom', playback=0.4)
     for name in ('on_timeout', 'turning', 'oblique', 'contact_law'):
         save_small(FIGURES[name](), folder / f'{name}.png')
-    planner = RoutePlanner(load_floor('apartment'), Knowledge(
-        load_robot('gimball'), load_curve('gimball_down'),
-        load_decision_tuning('decision_default')))
+    planner = RoutePlanner(load_floor('apartment'), nominal_knowledge())
     save_small(route_figure(planner.floor, planner.route((1.7, 1.4), (8.1, 5.5)),
                             planner.ball_radius), folder / 'route.png')
     for name in IN_DOCS:

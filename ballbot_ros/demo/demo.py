@@ -346,11 +346,12 @@ class RecordedSimulation:
         return next(self._steps, None)
 
     def _take_steps(self) -> Iterator[Optional[str]]:
+        def received() -> bool:
+            return set(self._topics) <= self._bag.recorded.keys()
+
         while not all(client.service_is_ready()
                       for client in (self._reset, self._resume, self._step)):
             yield None
-        def received() -> bool:
-            return set(self._topics) <= self._bag.recorded.keys()
         while not received():
             answer, called = self._reset.call_async(Trigger.Request()), time.monotonic()
             # The simulator must not be reset after it has started.

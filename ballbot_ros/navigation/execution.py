@@ -271,6 +271,7 @@ class Navigator:
 
     def with_planner(self, state: NavigationState, planner: RoutePlanner) -> NavigationState:
         """Change the map; with an active goal, stop the ball and replan."""
+        # Without places, the numbers of the learned data refer to the previous floor.
         planner.learn(state.learned.on(self.planner.floor.features))
         self.planner = planner
         state = replace(state, learned=planner.learned)
