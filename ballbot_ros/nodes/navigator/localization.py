@@ -95,7 +95,8 @@ class Localization:
         if mount is None or not all(np.isfinite(part).all() for part in mount):
             self._log.warning(
                 f'scan refused: no valid static transform from {base!r}, the child_frame_id of '
-                f'odom, to {scan.header.frame_id!r}; publish it on /tf_static', throttle_duration_sec=1.0)
+                f'odom, to {scan.header.frame_id!r}; publish it on /tf_static',
+                throttle_duration_sec=1.0)
             return None
         x, y, heading = pose
         chosen = slice(None, None, max(1, len(scan.ranges) // MOST_POINTS))
