@@ -99,11 +99,16 @@ def test_colours_of_planners_and_outcomes_differ():
     assert not set(figures.COLOURS) & set(figures.BAD.values())
 
 
-def test_the_margins_of_attempts_are_correlated():
+def test_the_margins_of_attempts_are_correlated_for_each_group_of_steps():
     rows = [row(attempts=[attempt(0.9, True, height_margin=margin, true_margin=2.0 * margin)])
             for margin in (0.001, 0.003, 0.004)]
     assert margin_correlation(rows) == (3, pytest.approx(1.0))
     assert math.isnan(margin_correlation(rows[:2])[1])
+    opposite = [row(height_margin=margin, true_margin=-margin) for margin in (0.1, 0.2, 0.3)]
+    margins = 'correlation of height_margin with the true margin, '
+    assert found(rows, opposite, margins + 'drawn') is True
+    assert found(rows, opposite, margins + 'crossable') is False
+    assert found(rows, rows[:2], margins + 'crossable') is None
 
 
 @pytest.mark.slow
