@@ -78,7 +78,7 @@ def scene_file(name: str, robot: str = 'gimball') -> list[Section]:
     parts = ('robot_changes', 'terrain', 'initial', 'actuation', 'solver', 'contact')
     top = described(SceneFile, parts)
     doc = {key: metadata['doc'] for key, metadata in described(SceneFile).items()}
-    people = {key: item.metadata for key, item in HUMAN.items()}
+    people = {key: declared.metadata for key, (declared, *_) in HUMAN.items()}
     return [
         Section('', {'robot': top['robot'], **top}, '', {'robot': robot, 'duration': 4.0}),
         Section('terrain', {}, doc['terrain'], {}, TERRAIN),

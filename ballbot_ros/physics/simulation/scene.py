@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenes and their files: robot, terrain, initial state, actuation and duration."""
 from dataclasses import dataclass, replace
-from functools import partial
 import math
 from pathlib import Path
 from typing import Any, Callable, Mapping, Optional, Type, Union
@@ -152,10 +151,13 @@ class Scene:
                 f'{self.run.duration:g} s)')
 
 
-# Keys of scene files in place of fields of `Actuation`, in other units.
-HUMAN = {
-    'set_angle_deg': quantity('deg', 'reference of the pendulum angle, in place of set_angle'),
-    'set_speed': quantity('m/s', 'speed at which the ball rolls, in place of set_rate')}
+# Keys of scene files in place of fields of `Actuation`, in other units: the declaration of a key,
+# that field, and its value for a robot.
+HUMAN: dict[str, tuple[Any, str, Callable[[Robot, float], float]]] = {
+    'set_angle_deg': (quantity('deg', 'reference of the pendulum angle, in place of set_angle'),
+                      'set_angle', lambda _, degrees: math.radians(degrees)),
+    'set_speed': (quantity('m/s', 'speed at which the ball rolls, in place of set_rate'),
+                  'set_rate', set_rate_for_speed)}
 
 
 def load_scene(name_or_path: Union[str, Path, Scene],
@@ -274,17 +276,14 @@ def _read_actuation(section: Any, robot: Robot, where: str) -> Actuation:
         raise ConfigurationError(
             f'{where}: set_angle is not accepted here; give set_angle_deg', 'unknown_name',
             'set_angle')
-    human: dict[str, tuple[str, Callable[[float], float]]] = {
-        'set_angle_deg': ('set_angle', math.radians),
-        'set_speed': ('set_rate', partial(set_rate_for_speed, robot))}
-    for name, (target, convert) in human.items():
+    for name, (declared, target, convert) in HUMAN.items():
         if name not in entries:
             continue
         if target in entries:
             raise ConfigurationError(
                 f'{where}: give either {name} or {target}, not both', 'inconsistent', name)
         entries[target] = convert(
-            check_value(name, entries.pop(name), HUMAN[name].metadata, where))
+            robot, check_value(name, entries.pop(name), declared.metadata, where))
     for name, law in SET_VALUES.items():
         if name in entries and entries.get('law', 'free') != law:
             raise ConfigurationError(
