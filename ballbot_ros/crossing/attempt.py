@@ -29,7 +29,8 @@ from ballbot_ros.physics.model.state import (
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, VERTEX_X, VERTEX_Y
 from ballbot_ros.physics.solvers.integrate import integrate
 from ballbot_ros.physics.solvers.values import (
-    AUTOMATIC, EVALUATIONS, FINISHED, NOTHING, Options, Output, Status, status_at, Workspace)
+    AUTOMATIC, EVALUATIONS, FINISHED, NO_OUTPUT, NOTHING, Options, Output, Status, status_at,
+    Workspace)
 
 OVER, BACK, UNDECIDED = range(3)
 
@@ -73,8 +74,8 @@ class Crossing(NamedTuple):
     def of(cls, course: Course, system: System, budget: int) -> 'Crossing':
         """Return a copy of the crossing with separate arrays."""
         return cls(course, system._replace(ground=system.ground.copy()), budget, np.zeros(SIZE),
-                   np.zeros(SIZE), Output(np.zeros((0, 2 + SIZE)), 0.0, 1.0),
-                   Workspace.of(VERTICES), np.zeros(2, dtype=np.int64), np.zeros(2))
+                   np.zeros(SIZE), NO_OUTPUT, Workspace.of(VERTICES), np.zeros(2, dtype=np.int64),
+                   np.zeros(2))
 
 
 @compiled

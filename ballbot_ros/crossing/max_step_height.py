@@ -37,10 +37,10 @@ from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.solver import failure, Solver
 from ballbot_ros.physics.solvers.values import (
-    FINISHED, Output, Packed, unpack_workspace, Workspace)
+    FINISHED, NO_OUTPUT, Output, Packed, unpack_workspace, Workspace)
 
 ATTEMPT_TOLERANCE = 1e-7  # local error per step in `try_step` [m]
-NEVER = 2**62  # number of output rows that is never reached, so that no run is interrupted
+NEVER = NO_OUTPUT.pause  # number of output rows that no run reaches
 BUDGET = 50_000_000  # function evaluations of one attempt; they take seconds
 
 # Columns of the results of steps that were tried ...
@@ -105,7 +105,7 @@ class ThreadWorkspace(local):
         self.state, self.last = np.zeros(SIZE), np.zeros(2)
         self.spent = np.zeros(2, dtype=np.int64)
         self.packed: PackedArrays = (
-            self.state, np.zeros(SIZE), self.last, self.spent, np.zeros((0, 2 + SIZE)),
+            self.state, np.zeros(SIZE), self.last, self.spent, NO_OUTPUT.rows,
             Workspace.of(VERTICES).plain)
 
 
