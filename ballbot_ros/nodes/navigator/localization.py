@@ -21,22 +21,19 @@ Pose = Tuple[float, float, float]
 
 def heading_of(orientation: Any) -> float:
     """Return the yaw of a quaternion of any length [rad], NaN if all components are 0."""
-    x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
-    if not any((x, y, z, w)):
-        return math.nan
-    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+    turn = rotation_of(orientation)
+    return math.atan2(turn[1, 0], turn[0, 0])
 
 
 def rotation_of(orientation: Any) -> NDArray[np.float64]:
     """Return the rotation matrix of a quaternion of any length, NaN if all components are 0."""
-    vector = np.array([orientation.x, orientation.y, orientation.z])
-    square = orientation.w**2 + float(vector @ vector)
-    if not square:
-        return np.full((3, 3), math.nan)
-    skew = np.cross(np.eye(3), vector)
-    matrix: NDArray[np.float64] = np.eye(3) + 2.0 / square * (
-        orientation.w * skew + skew @ skew)
-    return matrix
+    x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
+    square = x * x + y * y + z * z + w * w
+    factor = 2.0 / square if square else math.nan
+    return np.array([
+        [1.0 - factor * (y * y + z * z), factor * (x * y - w * z), factor * (x * z + w * y)],
+        [factor * (x * y + w * z), 1.0 - factor * (x * x + z * z), factor * (y * z - w * x)],
+        [factor * (x * z - w * y), factor * (y * z + w * x), 1.0 - factor * (x * x + y * y)]])
 
 
 class Localization:

@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from ballbot_ros.msg import TerrainObservation
 from ballbot_ros.navigation.execution import NavStatus
-from ballbot_ros.nodes.navigator.localization import heading_of
+from ballbot_ros.nodes.navigator.localization import heading_of, rotation_of
 from ballbot_ros.nodes.navigator.outputs import stamped_pose
 from ballbot_ros.ros.conversions import to_time
 
@@ -51,6 +51,14 @@ def test_the_heading_of_a_quaternion_does_not_depend_on_its_length(heading, leng
     half = 0.5 * heading
     turn = Quaternion(z=length * math.sin(half), w=length * math.cos(half))
     assert heading_of(turn) == pytest.approx(heading)
+
+
+def test_a_rotation_turns_vectors_and_is_not_finite_if_the_quaternion_overflows():
+    # A third of a turn about (1, 1, 1) maps x to y, y to z and z to x.
+    turned = rotation_of(Quaternion(x=2.0, y=2.0, z=2.0, w=2.0)) @ (1.0, 2.0, 3.0)
+    assert turned == pytest.approx([3.0, 1.0, 2.0])
+    for turn in (Quaternion(z=1e300, w=1e300), Quaternion(w=math.inf), Quaternion(w=0.0)):
+        assert not np.isfinite(rotation_of(turn)).all() and math.isnan(heading_of(turn))
 
 
 @pytest.mark.parametrize('place, reason', [
