@@ -447,7 +447,10 @@ class Navigator:
 
         def blocks(point: Point) -> bool:
             return self._on(point, ahead) and not self._explained(point)
-        seen, unmapped = any(map(blocks, percept.points or ())), []
+        # A laser may see the ball itself.
+        points = [point for point in percept.points or ()
+                  if math.dist(point, percept[1:3]) >= self._radius]
+        seen, unmapped = any(map(blocks, points)), []
         for distance, height in percept.faces or ():
             point = (percept.x + distance * math.cos(percept.heading),
                      percept.y + distance * math.sin(percept.heading))
@@ -470,7 +473,7 @@ class Navigator:
         if obstacle:
             # The next route avoids all observed points, not only those on this path.
             learned = learned.with_obstacles((*unmapped, *(
-                point for point in percept.points or () if not self._explained(point))))
+                point for point in points if not self._explained(point))))
         return self._stop(
             replace(state, learned=learned, agreeing=(0, 0)), 'obstacle' if obstacle else 'higher',
             'an obstacle is on the path' if obstacle else 'a step is higher than on the map')

@@ -156,6 +156,21 @@ def test_all_unmapped_points_of_a_scan_are_learned_with_an_obstacle(navigator):
     assert set(ball.state.learned.obstacles) == set(ball.points)
 
 
+@pytest.mark.parametrize(('share', 'seen'), [(0.9, False), (1.05, True)])
+def test_points_of_a_scan_within_the_ball_are_no_obstacles(navigator, share, seen):
+    ball = Ball(navigator, 0.6, 5.0)
+    ball.begin((2.8, 5.0))
+
+    def stopped(ball):
+        away = share * navigator.planner.ball_radius
+        ball.points = ((ball.x + away * math.cos(ball.heading),
+                        ball.y + away * math.sin(ball.heading)),)
+        return ball.state.learned.obstacles or ball.state.status.ended
+    ball.run(60.0, until=stopped)
+    assert bool(ball.state.learned.obstacles) is seen
+    assert seen or ball.state.status is NavStatus.SUCCEEDED and not ball.state.recoveries
+
+
 @pytest.mark.parametrize(('speed', 'ends'), [(0.0, True), (0.1, True), (1.2, False)])
 def test_an_obstacle_ends_a_crossing_up_to_its_last_braking_point(navigator, speed, ends):
     ball = Ball(navigator, *KITCHEN, 1.57)
