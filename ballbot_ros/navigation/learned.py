@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass, replace
 import json
 from pathlib import Path
-from typing import Sequence, Tuple
+from typing import Any, Sequence, Tuple
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.floors.floor import Feature, Point
@@ -29,20 +29,21 @@ class Learned:
     outcomes : tuple of (int, int, float, bool, int)
         Number of a feature, direction (1 towards the left of its line), run-up [m], whether the
         ball crossed it, and number of such attempts.
-    places : tuple of (str, tuple of (float, float))
-        Kind and points [m] of the features to which the numbers refer; empty for those of the
-        floor in use.
+    places : tuple of (str, tuple of (float, float), float, float)
+        Kind, points, height and width [m] on the map of the features to which the numbers refer;
+        empty for those of the floor in use.
 
     """
 
     heights: Tuple[Tuple[int, float], ...] = ()
     obstacles: Tuple[Point, ...] = ()
     outcomes: Tuple[Tuple[int, int, float, bool, int], ...] = ()
-    places: Tuple[Tuple[str, Tuple[Point, ...]], ...] = ()
+    places: Tuple[Tuple[Any, ...], ...] = ()
 
     def on(self, features: Sequence[Feature]) -> 'Learned':
         """Return the data for the features of a floor, without those of features not on it."""
-        places = tuple((feature.kind, (*feature.line, *feature.polygon)) for feature in features)
+        places = tuple((feature.kind, (*feature.line, *feature.polygon), feature.height,
+                        feature.width) for feature in features)
         if self.places in ((), places):
             return replace(self, places=places)
         numbers = {number: places.index(place) for number, place in enumerate(self.places)
@@ -108,8 +109,9 @@ class Learned:
                                 content['heights']),
                           tuple((float(x), float(y)) for x, y in content['obstacles']),
                           places=tuple(
-                              (kind, tuple((float(x), float(y)) for x, y in points))
-                              for kind, points in content.get('places', ())))
+                              (kind, tuple((float(x), float(y)) for x, y in points),
+                               *map(float, mapped))
+                              for kind, points, *mapped in content.get('places', ())))
             for number, sign, run_up, crossed, *count in content['outcomes']:
                 learned = learned.with_outcome(int(number), int(sign), float(run_up),
                                                bool(crossed), int(*count or (1,)))

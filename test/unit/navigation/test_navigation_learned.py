@@ -39,6 +39,26 @@ def test_learned_data_stay_with_their_feature_when_the_floor_changes(tmp_path):
     before = replace(Learned().on([sill, cord]), obstacles=((0.2, 0.3),)) \
         .with_height(0, 0.02).with_height(1, 0.03).with_outcome(1, -1, 0.5, False)
     before.write(tmp_path / 'learned.json')
-    after = Learned.read(tmp_path / 'learned.json').on([rug, replace(cord, height=0.02)])
+    after = Learned.read(tmp_path / 'learned.json').on([rug, replace(cord, name='cable')])
     assert (after.heights, after.outcomes) == (((1, 0.03),), ((1, -1, 0.5, False, 1),))
     assert after.obstacles == before.obstacles
+
+
+@pytest.mark.parametrize('corrected', [{'height': 0.02}, {'width': 0.08}])
+def test_a_corrected_feature_of_the_map_replaces_what_was_learned_of_it(corrected, tmp_path):
+    cord, sill = (Feature(kind='cord', line=[[0.0, y], [1.0, y]], height=0.01)
+                  for y in (0.5, 1.0))
+    Learned().on([cord, sill]).with_height(0, 0.03).with_height(1, 0.03) \
+        .with_outcome(0, -1, 0.5, False).write(tmp_path / 'learned.json')
+    after = Learned.read(tmp_path / 'learned.json').on([replace(cord, **corrected), sill])
+    assert (after.heights, after.outcomes) == (((1, 0.03),), ())
+
+
+def test_learned_data_of_a_file_without_mapped_heights_are_not_used(tmp_path):
+    cord = Feature(kind='cord', line=[[0.0, 0.5], [1.0, 0.5]], height=0.01)
+    path = tmp_path / 'learned.json'
+    path.write_text(json.dumps({
+        'version': 2, 'heights': [(0, 0.03)], 'obstacles': [(0.2, 0.3)], 'outcomes': [],
+        'places': [('cord', [(0.0, 0.5), (1.0, 0.5)])]}))
+    after = Learned.read(path).on([cord])
+    assert (after.heights, after.obstacles) == ((), ((0.2, 0.3),))
