@@ -12,14 +12,14 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 
-from ballbot_ros.errors import RefusedError
+from ballbot_ros.errors import BallbotError
 
 
 class DeferredActionServer(ActionServer):
     """
     Serves an action; cancel requests are accepted, and the handle of the goal shows them.
 
-    `check` is called with each request and raises `RefusedError` to refuse it; `begin` is called
+    `check` is called with each request and raises `BallbotError` to refuse it; `begin` is called
     with the handle of each accepted goal.
     """
 
@@ -28,7 +28,7 @@ class DeferredActionServer(ActionServer):
         def respond(request: Any) -> GoalResponse:
             try:
                 check(request)
-            except RefusedError as error:
+            except BallbotError as error:
                 node.get_logger().warning(f'{name} refused: {error}')
                 return GoalResponse.REJECT
             return GoalResponse.ACCEPT

@@ -66,7 +66,7 @@ class NavigationServers:
         if not node.active:
             raise RefusedError('navigator is not active', 'inactive', 'navigator')
         if node.refusal is not None:
-            raise RefusedError(str(node.refusal), node.refusal.reason, 'odom')
+            raise node.refusal
         if node.percept is None:
             raise RefusedError(
                 'no pose on the map: odom, or the transform from the map to it, is missing',
@@ -76,12 +76,13 @@ class NavigationServers:
         self._ready()
         if self._node.e_stop:
             raise RefusedError('the e-stop is engaged: release it first', 'e_stop', 'e_stop')
+        self._node.check_commands()
 
     def _check(self, request: Any) -> None:
         try:
             self._ready_to_drive()
             self._node.navigator.planner.check_place(self._goal(request.pose), 'goal')
-        except RefusedError as error:
+        except BallbotError as error:
             self.count(error)
             raise
 

@@ -69,6 +69,7 @@ class NavigatorNode(ManagedNode):
         self._active = False
         self._problem = ''  # why configure failed
         self._odom = SinglePublisher(self, 'odom')
+        self._commands = [SinglePublisher(self, topic) for topic in ('cmd_vel', 'set_point')]
         self.refusal: Optional[MessageError] = None  # why the last odometry was not used
         self._observations: List[TerrainObservation] = []
         self._faces: Optional[Tuple[Tuple[float, float], ...]] = None
@@ -137,6 +138,11 @@ class NavigatorNode(ManagedNode):
     def active(self) -> bool:
         """Return whether goals are accepted."""
         return self._active and self.navigator is not None
+
+    def check_commands(self) -> None:
+        """Raise `MessageError` if another node also publishes cmd_vel or set_point."""
+        for publishers in self._commands:
+            publishers.name()
 
     def abort(self, reason: str, message: str) -> None:
         """End the active goal immediately, with a command to rest."""
@@ -228,6 +234,11 @@ class NavigatorNode(ManagedNode):
         assert self.navigator is not None
         if self.state.status.ended:
             return
+        try:
+            self.check_commands()
+        except MessageError as error:
+            self.abort(error.reason, str(error))
+            return
         self.state, command = self.navigator.advance(
             self.state, percept._replace(crossing=self._crossing.take_report()))
         if self.state.route is not self._published:
@@ -284,6 +295,10 @@ class NavigatorNode(ManagedNode):
             return diagnostics.WARN, ': '.join(filter(None, ('inactive', self._problem))), values
         if self.refusal is not None:
             return diagnostics.WARN, str(self.refusal), values
+        try:
+            self.check_commands()
+        except MessageError as error:
+            return diagnostics.WARN, str(error), values
         if self.percept is None:
             return diagnostics.WARN, 'waiting for odom' if self._last is None else (
                 f'waiting for the transform from {self._settings.map_frame} to '

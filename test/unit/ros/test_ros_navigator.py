@@ -3,13 +3,14 @@
 import math
 import time
 
-from geometry_msgs.msg import Quaternion
+from geometry_msgs.msg import Quaternion, TwistStamped
 from nav_msgs.msg import Odometry
 from navigator_graph import Graph, START
 import numpy as np
 import pytest
 import rclpy
 from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
@@ -17,6 +18,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.navigation.execution import NavStatus
 from ballbot_ros.nodes.navigator.goals import ComputePathToPose, NavigateToPose
 from ballbot_ros.nodes.navigator.outputs import stamped_pose
+from ballbot_ros.ros import single_publisher
 from ballbot_ros.ros.conversions import to_time
 
 
@@ -231,26 +233,49 @@ def test_a_scan_with_invalid_static_transforms_is_refused(graph, capfd, begin, e
     assert graph.spin(20.0, received) and graph.node.percept.points is None
 
 
-@pytest.mark.parametrize('refused', ['wrong_frame', 'several_publishers'])
-def test_refused_odometry_ends_the_goal_at_rest_until_it_is_correct(graph, refused):
+def test_odometry_in_another_frame_ends_the_goal_at_rest_until_it_is_correct(graph):
     handle = graph.send(2.7, 1.4)
     assert graph.spin(20.0, lambda: abs(graph.speed) > 0.1)
-    if refused == 'wrong_frame':
-        graph.frames['odom'] = 'map'
-    else:
-        other = rclpy.create_node('other_robot', context=graph.client.context)
-        other.create_publisher(Odometry, 'odom', 10)
-    try:
-        assert graph.fails(handle) == refused
-        reason = graph.node._health()[1]
-        assert ("'odom', got 'map'" if refused == 'wrong_frame' else '/other_robot') in reason
-        assert not graph.send(2.7, 1.4).accepted
-    finally:
-        graph.frames['odom'] = 'odom'
-        if refused != 'wrong_frame':
-            other.destroy_node()
+    graph.frames['odom'] = 'map'
+    assert graph.fails(handle) == 'wrong_frame'
+    assert "'odom', got 'map'" in graph.node._health()[1]
+    assert not graph.send(2.7, 1.4).accepted
+    graph.frames['odom'] = 'odom'
     assert graph.spin(20.0, lambda: graph.node.refusal is None)
     assert graph.send(2.7, 1.4).accepted
+
+
+@pytest.mark.parametrize('kind, topic', [
+    (Odometry, 'odom'), (TwistStamped, 'cmd_vel'), (JointState, 'set_point')])
+def test_another_publisher_ends_the_goal_at_rest_and_is_named_until_it_ends(graph, kind, topic):
+    handle = graph.send(2.7, 1.4)
+    assert graph.spin(20.0, lambda: abs(graph.speed) > 0.1)
+    other = rclpy.create_node('other_robot', context=graph.client.context)
+    other.create_publisher(kind, topic, 10)
+    try:
+        assert graph.fails(handle) == 'several_publishers'
+        assert f'/other_robot publish /{topic}' in graph.node._health()[1]
+        refused = graph.node.servers.refused
+        assert not graph.send(2.7, 1.4).accepted and refused['several_publishers'] == 1
+        graph.goals.publish(stamped_pose('map', to_time(0.0), 2.7, 1.4, 0.0))
+        assert graph.spin(20.0, lambda: refused['several_publishers'] == 2)
+    finally:
+        other.destroy_node()
+    assert graph.spin(20.0, lambda: graph.send(2.7, 1.4).accepted)
+
+
+def test_a_second_navigator_of_the_same_name_is_refused_when_it_is_no_restart(
+        graph, monkeypatch):
+    monkeypatch.setattr(single_publisher, 'RESTART_TIME', 0.0)
+    assert graph.send(2.7, 1.4).accepted
+    other = rclpy.create_node('navigator', context=graph.client.context)
+    other.create_publisher(TwistStamped, 'cmd_vel', 10)
+    try:
+        assert graph.spin(20.0, lambda: graph.node.state.status is NavStatus.FAILED)
+        assert '/navigator and /navigator publish /cmd_vel' in graph.node.state.message
+        assert not graph.send(2.7, 1.4).accepted
+    finally:
+        other.destroy_node()
 
 
 def test_odometry_that_is_not_finite_ends_the_goal_at_rest(graph):
