@@ -91,26 +91,23 @@ class NavigationServers:
         self.refused[getattr(error, 'reason', 'failed')] += 1
         self._node.diagnostics.publish()
 
-    def begin_pose(self, message: PoseStamped) -> None:
-        """Drive to a pose; this replaces an active goal."""
+    def begin_pose(self, message: PoseStamped, handle: Optional[ServerGoalHandle] = None) -> None:
+        """Drive to a pose, of an action if a handle is given; this replaces an active goal."""
         node = self._node
         self._ready_to_drive()
         node.state = node.navigator.begin(node.state, self._goal(message), node.percept)
-        if self._handle is not None:
-            handle, self._handle = self._handle, None
-            handle.abort()
-            self._navigate.finish(handle, NavigateToPose.Result(
+        replaced, self._handle, self._started = self._handle, handle, node.percept.stamp
+        if replaced is not None:
+            replaced.abort()
+            self._navigate.finish(replaced, NavigateToPose.Result(
                 error_code=FAILED, error_msg='preempted: another goal replaced this one'))
+        self.step()  # a ball at the goal has already arrived
 
     def _begin(self, handle: ServerGoalHandle) -> None:
-        node = self._node
         try:
-            self.begin_pose(handle.request.pose)
+            self.begin_pose(handle.request.pose, handle)
         except BallbotError as error:
             self._fail(self._navigate, handle, NavigateToPose, error)
-            return
-        self._handle, self._started = handle, node.percept.stamp
-        self.step()  # a ball at the goal has already arrived
 
     def _check_plan(self, request: Any) -> None:
         self._ready()
@@ -134,14 +131,13 @@ class NavigationServers:
             planning_time=Duration(seconds=time.monotonic() - started).to_msg()))
 
     def step(self) -> None:
-        """Update the goal; called after each command."""
+        """Log the end of a goal, and update its action; called at each command of a goal."""
         handle, node = self._handle, self._node
+        state = node.state
+        if state.status.ended:
+            node.get_logger().info(f'{state.status.value}: {state.message}')
         if handle is None:
             return
-        state = node.state
-        if handle.is_cancel_requested and not state.status.ended \
-                and state.next is not NavStatus.CANCELED:
-            node.state = state = node.navigator.cancel(state)
         if state.status.ended:
             self._handle = None
             result = NavigateToPose.Result()
@@ -150,9 +146,11 @@ class NavigationServers:
             else:
                 result.error_code, result.error_msg = FAILED, f'{state.reason}: {state.message}'
                 (handle.canceled if state.status is NavStatus.CANCELED else handle.abort)()
-            node.get_logger().info(f'{state.status.value}: {state.message}')
             self._navigate.finish(handle, result)
-        elif not 0.0 <= node.percept.stamp - self._feedback_at < FEEDBACK:
+            return
+        if handle.is_cancel_requested and state.next is not NavStatus.CANCELED:
+            node.state = node.navigator.cancel(state)
+        if not 0.0 <= node.percept.stamp - self._feedback_at < FEEDBACK:
             self._feedback_at = node.percept.stamp
             handle.publish_feedback(self._feedback())
 

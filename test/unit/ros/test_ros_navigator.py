@@ -94,13 +94,14 @@ def test_cancellation_and_preemption_end_at_rest(graph):
     assert abs(graph.speed) < 0.03 and graph.node.state.status is NavStatus.CANCELED
 
 
-def test_a_goal_pose_of_rviz_is_followed_until_the_e_stop(graph):
+def test_a_goal_pose_of_rviz_is_followed_until_the_e_stop_and_its_end_is_logged(graph, capfd):
     graph.goals.publish(stamped_pose('map', to_time(0.0), 2.6, 1.4, 0.0))
     assert graph.spin(20.0, lambda: abs(graph.speed) > 0.1)
     graph.e_stops.publish(Bool(data=True))
     assert graph.spin(10.0, lambda: graph.node.state.status is NavStatus.FAILED)
     assert graph.node.state.reason == 'e_stop'
     assert graph.spin(5.0, lambda: graph.speed == 0.0)
+    assert 'failed: the e-stop is engaged' in capfd.readouterr().err
 
 
 def test_goals_are_refused_while_the_e_stop_is_engaged_and_paths_are_computed(graph):
