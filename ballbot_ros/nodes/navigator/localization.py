@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pose on the map from /tf and odom, and the points of the laser scan on it."""
+from functools import partial
 import math
 from typing import Any, Dict, Optional, Tuple
 
@@ -8,11 +9,11 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import LaserScan
 
-from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.errors import ConfigurationError, MessageError
 from ballbot_ros.floors.floor import Point
 from ballbot_ros.nodes.navigator.settings import NavigatorSettings
 from ballbot_ros.ros.conversions import to_seconds
-from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.ros.endpoints import create_subscription, ODOMETRY_TIMEOUT
 
 MOST_POINTS = 120  # approximate number of points that are used of a scan
 
@@ -44,13 +45,15 @@ class Localization:
         self._log = node.get_logger()
         self._localized = settings.localized
         self._offset: Optional[Pose] = None if settings.localized else (0.0, 0.0, 0.0)
+        self._valid_until = math.inf  # of the offset [s]
         self._mounts: Dict[str, Any] = {}  # static transforms by their child frames
         self._scan: Optional[LaserScan] = None
         create_subscription(node, 'scan', self._on_scan)
         try:
             create_subscription(node, '/tf_static', self._on_static)
             if settings.localized:
-                create_subscription(node, '/tf', self._on_transforms)
+                create_subscription(
+                    node, '/tf', partial(self._on_transforms, ODOMETRY_TIMEOUT))
         except ConfigurationError as error:
             if settings.localized:
                 self._log.error(f'{error}; or set localized to false, if {self._odom} coincides '
@@ -59,13 +62,23 @@ class Localization:
     def _on_static(self, message: Any) -> None:
         self._mounts.update((item.child_frame_id, item) for item in message.transforms)
         if self._localized:
-            self._on_transforms(message)
+            self._on_transforms(math.inf, message)
 
-    def _on_transforms(self, message: Any) -> None:
+    def _on_transforms(self, lifetime: float, message: Any) -> None:
         for item in message.transforms:
             if (item.header.frame_id, item.child_frame_id) == (self._map, self._odom):
                 move = item.transform.translation
                 self._offset = move.x, move.y, heading_of(item.transform.rotation)
+                self._valid_until = to_seconds(item.header.stamp) + lifetime
+
+    def check(self, now: float) -> None:
+        """Raise `MessageError` if the transform from the map has not been renewed at a time [s]."""
+        if now > self._valid_until:
+            raise MessageError(
+                f'the transform from {self._map} to {self._odom} on /tf is '
+                f'{now - self._valid_until + ODOMETRY_TIMEOUT:.1f} s old, more than '
+                f'{ODOMETRY_TIMEOUT} s: check the localisation, or publish a transform that does '
+                'not change on /tf_static', 'stale', '/tf')
 
     def _on_scan(self, message: LaserScan) -> None:
         self._scan = message

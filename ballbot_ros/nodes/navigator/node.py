@@ -184,13 +184,14 @@ class NavigatorNode(ManagedNode):
                 f'terrain_observation refused: {error}', throttle_duration_sec=1.0)
 
     def _check_odometry(self, message: Odometry) -> None:
-        """Raise `MessageError` if odometry has several publishers, or another frame."""
+        """Raise `MessageError` for several publishers, another frame, or an old transform."""
         self._odom.name()
         if message.header.frame_id != self._settings.odom_frame:
             raise MessageError(
                 f'odom must be in the frame {self._settings.odom_frame!r}, got '
                 f'{message.header.frame_id!r}; set odom_frame, or correct the publisher',
                 'wrong_frame', 'header.frame_id')
+        self.localization.check(to_seconds(message.header.stamp))
 
     def _on_odometry(self, message: Odometry) -> None:
         try:

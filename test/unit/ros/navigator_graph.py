@@ -41,6 +41,7 @@ class Graph:
         self.scans = self.client.create_publisher(LaserScan, 'scan', 5)
         self.transforms = self.client.create_publisher(TFMessage, '/tf', 5)
         self.offset = [0.0, 0.0]  # of odom in the frame map
+        self.localized = True  # whether the offset is published
         self.plans, self.feedback = [], []
         self.speed, self.yaw_rate, self.time = 0.0, 0.0, 1.0
         self.pose = list(START)
@@ -71,7 +72,8 @@ class Graph:
             transform = TransformStamped(child_frame_id='odom')
             transform.header.frame_id, transform.header.stamp = 'map', message.header.stamp
             transform.transform.translation.x, transform.transform.translation.y = self.offset
-            self.transforms.publish(TFMessage(transforms=[transform]))
+            if self.localized:
+                self.transforms.publish(TFMessage(transforms=[transform]))
             self.odometry.publish(message)
             for _ in range(4):
                 self.executor.spin_once(timeout_sec=0.002)

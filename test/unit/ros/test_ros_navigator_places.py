@@ -15,6 +15,7 @@ from ballbot_ros.navigation.execution import NavStatus
 from ballbot_ros.nodes.navigator.localization import heading_of, rotation_of
 from ballbot_ros.nodes.navigator.outputs import stamped_pose
 from ballbot_ros.ros.conversions import to_time
+from ballbot_ros.ros.endpoints import ODOMETRY_TIMEOUT
 
 
 @pytest.fixture(scope='module')
@@ -41,6 +42,7 @@ def room(context, tmp_path_factory):
 @pytest.fixture
 def at_start(room):
     room.pose, room.offset, room.speed, room.yaw_rate = list(START), [0.0, 0.0], 0.0, 0.0
+    room.localized = True
     room.spin(0.5)
     return room
 
@@ -92,6 +94,29 @@ def test_a_jump_of_the_localisation_stops_the_ball(at_start, goal):
     assert at_start.spin(10.0, lambda: at_start.speed == 0.0)
     handle.cancel_goal_async()
     assert at_start.fails(handle) == 'canceled'
+
+
+def test_a_goal_ends_when_the_localisation_stops(at_start):
+    handle, node = at_start.send(2.4, 2.4), at_start.node
+    assert at_start.spin(20.0, lambda: abs(at_start.speed) > 0.1)
+    at_start.localized = False
+    at_start.spin(0.5)
+    assert not node.state.status.ended
+    at_start.time += ODOMETRY_TIMEOUT
+    assert at_start.fails(handle) == 'stale'
+    assert not at_start.send(2.4, 2.4).accepted
+    at_start.localized = True
+    assert at_start.spin(10.0, lambda: node.refusal is None)
+    assert at_start.send(2.4, 2.4).accepted
+
+
+def test_a_static_transform_from_the_map_is_not_renewed(at_start):
+    at_start.localized = False
+    at_start.mount('map', 'odom', (0.1, 0.0, 0.0), Quaternion(w=1.0))
+    assert at_start.spin(10.0, lambda: at_start.node.percept.x > START[0] + 0.05)
+    at_start.time += 2 * ODOMETRY_TIMEOUT
+    at_start.spin(0.5)
+    assert at_start.node.refusal is None and at_start.send(2.4, 2.4).accepted
 
 
 def test_sensor_data_that_are_not_finite_have_no_lasting_effect(at_start):
