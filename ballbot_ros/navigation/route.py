@@ -58,6 +58,8 @@ ESCAPE_DISTANCE_MAX, LOCALIZATION_ERROR_MAX = 1.0, 0.08
 # Areas that no route enters, and features whose edges no route crosses.
 CLOSED = ('keep_out', 'stairs')
 BARRED = ('drop', 'ramp', *CLOSED)
+# Features with two faces, a width apart.
+BARS = ('threshold', 'cord')
 # Kinds of features that routes cross.
 CROSSED = tuple(kind for kind in (*LINES, *AREAS) if kind not in ('friction', *BARRED))
 # Length of the parts in which the edge of a ramp is checked, and offset to both sides [m].
@@ -679,7 +681,7 @@ class RoutePlanner:
     @staticmethod
     def _faces(feature: Feature, sign: int, angle: float) -> Tuple[Tuple[float, float], ...]:
         """Return the faces of a feature for a crossing in a direction at an angle [rad]."""
-        if feature.kind in ('threshold', 'cord'):
+        if feature.kind in BARS:
             return ((0.0, feature.height / height_factor(angle)),
                     (feature.width / math.cos(angle), -feature.height))
         rise = sign * feature.rise
@@ -865,9 +867,10 @@ class RoutePlanner:
             on = self.ball_radius if feature.kind in ('drop', 'stairs') else 0.0 \
                 if feature.kind in ('friction', *BARRED) else touch_distance(
                     self.ball_radius, abs(feature.height)) - LOCALIZATION_ERROR_MAX
+            beside = 0.5 * feature.width if feature.kind in BARS else 0.0
             away = min((float(distance_to_segment(start[0], start[1], *edge.line))
                         for edge in edges), default=math.inf)
-            if away < on or self.is_closed(feature) \
+            if max(away - beside, 0.0) < on or self.is_closed(feature) \
                     and inside(start[0], start[1], feature.polygon):
                 raise RefusedError(
                     f'start ({start[0]:g}, {start[1]:g}) m is on the {feature.label}; move the '

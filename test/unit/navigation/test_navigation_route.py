@@ -340,6 +340,21 @@ def test_impossible_positions_are_refused(flat, place, reason):
     assert (caught.value.reason, caught.value.field) == (reason, 'start')
 
 
+@pytest.mark.parametrize('height, beside, refused', [
+    (0.03, 0.0, True), (0.03, 0.18, True), (0.03, 0.22, False), (0.012, 0.0, False)])
+def test_a_start_on_a_bar_is_refused_over_its_width_unless_the_bar_is_low(
+        height, beside, refused, tmp_path):
+    planner = planner_of(tmp_path, [
+        f'{{kind: threshold, line: [[2.0, 4.0], [2.0, 0.0]], height: {height}, width: 0.3}}'])
+    start, goal = (2.0 + beside, 2.0, 0.0), (3.3, 2.0)
+    if refused:
+        with pytest.raises(RefusedError) as caught:
+            planner.route(start, goal)
+        assert (caught.value.reason, caught.value.field) == ('feature', 'start')
+    else:
+        assert not any(segment.feature for segment in planner.route(start, goal).segments)
+
+
 def test_unknown_space_is_not_a_goal(tmp_path):
     shades = np.full((60, 60), 255, np.uint8)
     shades[:, 40:] = 128
