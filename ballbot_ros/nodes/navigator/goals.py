@@ -49,7 +49,8 @@ class NavigationServers:
         frame = self._node._settings.map_frame
         if message.header.frame_id not in ('', frame):
             raise RefusedError(
-                f'the pose must be in the frame {frame!r}, got {message.header.frame_id!r}',
+                f'the pose must be in the frame {frame!r}, got {message.header.frame_id!r}; '
+                f'transform it, or set the fixed frame of RViz to {frame!r}',
                 'wrong_frame', 'header.frame_id')
         at, turn = message.pose.position, message.pose.orientation
         goal: Tuple[float, ...] = (at.x, at.y)
