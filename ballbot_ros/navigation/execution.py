@@ -274,7 +274,7 @@ class Navigator:
         # Without places, the numbers of the learned data refer to the previous floor.
         planner.learn(state.learned.on(self.planner.floor.features))
         self.planner = planner
-        state = replace(state, learned=planner.learned)
+        state = replace(state, learned=planner.learned, replans=0)
         return state if state.status.ended else self._stop(
             state, 'map_replaced', 'the map was replaced')
 

@@ -12,7 +12,8 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors import load_floor
 from ballbot_ros.navigation import RoutePlanner
 from ballbot_ros.navigation.execution import (
-    CommandKind, CrossingReport, NavigationState, Navigator, NavStatus, Percept, SEGMENT_TOLERANCE)
+    CommandKind, CrossingReport, NavigationState, Navigator, NavStatus, Percept, REPLANS_MAX,
+    SEGMENT_TOLERANCE)
 from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.navigation.route import CLEARANCE
 from ballbot_ros.navigation.tracking import Path
@@ -303,6 +304,17 @@ def test_a_new_map_is_used_for_planning_after_a_stop(navigator):
     assert ball.state.status is NavStatus.STOPPING
     ball.run(20.0)
     assert (ball.state.status, ball.state.reason) == (NavStatus.FAILED, 'wall') and at_rest(ball)
+
+
+def test_repeated_reloads_of_the_map_do_not_end_the_goal(navigator, planner):
+    ball = Ball(navigator, *KITCHEN, 1.57)
+    ball.begin((2.9, 2.2))
+    for _ in range(REPLANS_MAX + 1):
+        ball.run(0.2)
+        ball.state = navigator.with_planner(ball.state, planner)
+        ball.run(10.0, until=lambda ball: ball.state.status is not NavStatus.STOPPING)
+    ball.run(60.0)
+    assert ball.state.status is NavStatus.SUCCEEDED, ball.state.message
 
 
 def test_a_new_map_without_the_first_feature_keeps_the_heights_of_the_others(navigator):
