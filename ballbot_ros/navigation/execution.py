@@ -326,9 +326,10 @@ class Navigator:
             assert state.next is not None
             return replace(state, status=state.next, next=None), REST
         if state.replans >= REPLANS_MAX:
-            return replace(state, status=NavStatus.FAILED, next=None, message=(
-                f'no arrival after {REPLANS_MAX} routes; the last one ended because '
-                f'{state.message}')), REST
+            return replace(
+                state, status=NavStatus.FAILED, next=None, reason='no_arrival',
+                message=f'no arrival after {REPLANS_MAX} routes; the last one ended because '
+                f'{state.message}'), REST
         try:
             route = self._route(state, percept)
         except RefusedError as error:

@@ -306,6 +306,16 @@ def test_a_new_map_is_used_for_planning_after_a_stop(navigator):
     assert (ball.state.status, ball.state.reason) == (NavStatus.FAILED, 'wall') and at_rest(ball)
 
 
+def test_a_goal_without_arrival_after_the_last_route_fails_with_a_reason_of_its_own(navigator):
+    ball = Ball(navigator, *KITCHEN, 1.57)
+    ball.begin((2.9, 2.2))
+    ball.state = replace(ball.state, replans=REPLANS_MAX)
+    ball.offset = (0.0, 0.4)
+    ball.run(20.0)
+    assert (ball.state.status, ball.state.reason) == (NavStatus.FAILED, 'no_arrival')
+    assert 'the localisation jumped' in ball.state.message and at_rest(ball)
+
+
 def test_repeated_reloads_of_the_map_do_not_end_the_goal(navigator, planner):
     ball = Ball(navigator, *KITCHEN, 1.57)
     ball.begin((2.9, 2.2))
