@@ -304,6 +304,8 @@ def load_floor(name_or_path: Union[str, Path]) -> Floor:
         for name, field, points in [
                 *((f'features[{number}]', 'line', (*feature.line, *feature.polygon))
                   for number, feature in features.items()),
+                *((f'walls: lines[{number}]', f'lines[{number}]', line)
+                  for number, line in enumerate(content.get('walls', {}).get('lines', ()))),
                 *([('start', 'start', (tuple(start[:2]),))] if start else [])]:
             off = [point for point in points if not (
                 left <= point[0] <= right and bottom <= point[1] <= top)]
@@ -467,15 +469,18 @@ class _Walls(Checked):
                 with problems.collected():
                     drawn.append(_points(line, f'lines[{number}]', 2))
         problems.refuse()
-        rows, columns = (max(1, round(length / self.resolution)) for length in (height, width))
+        rows, columns = (max(1, math.ceil(length / self.resolution - 1e-6))
+                         for length in (height, width))
         _check_size(rows, columns, 'size')
         y, x = (np.arange(rows)[:, None] + 0.5) * self.resolution, \
             (np.arange(columns)[None, :] + 0.5) * self.resolution
         cells = np.zeros((rows, columns), np.uint8)
+        # A wall thinner than a cell would have gaps.
+        reach = 0.5 * max(self.thickness, self.resolution) + 1e-9
         outline = ((0.0, 0.0), (width, 0.0), (width, height), (0.0, height), (0.0, 0.0))
         for points in (outline, *drawn):
             for begin, end in zip(points, points[1:]):
-                near = distance_to_segment(x, y, begin, end) <= 0.5 * self.thickness
+                near = distance_to_segment(x, y, begin, end) <= reach
                 cells[near] = OCCUPIED
         return cells, self.resolution, (0.0, 0.0)
 

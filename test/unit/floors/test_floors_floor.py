@@ -5,6 +5,7 @@ import math
 import numpy as np
 from PIL import Image
 import pytest
+from scipy.ndimage import label
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.floors import Floor, load_floor, read_map
@@ -107,6 +108,8 @@ features:
     ('walls: {size: [1, 1], lines: []}\nmap: a.yaml', ('inconsistent', 'map')),
     ('walls: {size: [4, 4], lines: []}\nfeatures:\n'
      '  - {kind: step, line: [[1000, 1], [2000, 1]], height: 0.02}', ('out_of_range', 'line')),
+    ('walls: {size: [4, 4], lines: [[[0, 1], [4, 1]], [[1000, 1], [2, 1]]]}',
+     ('out_of_range', 'lines[1]')),
     ('walls: {size: [1e4, 1e4], lines: []}', ('out_of_range', 'image')),
     ('walls: {size: [4, 4], lines: []}\nfeatures:\n'
      '  - {kind: step, line: [[1, 1], [2, 1]], height: .nan}', ('not_finite', 'height')),
@@ -142,6 +145,22 @@ def test_walls_have_the_thickness_of_the_file(tmp_path):
     floor = load_floor(path)
     row = floor.cells[50]
     assert np.flatnonzero(row[20:180] == OCCUPIED).tolist() == list(range(70, 90))
+
+
+@pytest.mark.parametrize('text', ['thickness: 0.02', 'resolution: 0.2'])
+@pytest.mark.parametrize('end', [4.0, 3.0])
+def test_a_wall_thinner_than_a_cell_has_no_gaps(text, end, tmp_path):
+    (tmp_path / 'f.yaml').write_text(
+        f'walls: {{size: [6, 5], {text}, lines: [[[2, 0], [{end}, 5]]]}}')
+    _, count = label(load_floor(tmp_path / 'f.yaml').cells == FREE)
+    assert count == 2
+
+
+def test_a_map_whose_size_is_no_multiple_of_its_resolution_covers_the_size(tmp_path):
+    (tmp_path / 'f.yaml').write_text(
+        'walls: {size: [7.42, 5.0], lines: []}\nfeatures:\n'
+        '  - {kind: threshold, line: [[7.42, 1], [6, 1]], height: 0.01}')
+    assert load_floor(tmp_path / 'f.yaml').extent == pytest.approx((0.0, 7.45, 0.0, 5.0))
 
 
 def test_distance_and_inside_agree_with_geometry():
