@@ -72,7 +72,7 @@ class Localization:
                 self._valid_until = to_seconds(item.header.stamp) + lifetime
 
     def check(self, now: float) -> None:
-        """Raise `MessageError` if the transform from the map has not been renewed at a time [s]."""
+        """Raise `MessageError` if the transform from the map is too old at a time [s]."""
         if now > self._valid_until:
             raise MessageError(
                 f'the transform from {self._map} to {self._odom} on /tf is '

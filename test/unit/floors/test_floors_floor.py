@@ -156,7 +156,7 @@ def test_a_wall_thinner_than_a_cell_has_no_gaps(text, end, tmp_path):
     assert count == 2
 
 
-def test_a_map_whose_size_is_no_multiple_of_its_resolution_covers_the_size(tmp_path):
+def test_a_map_whose_size_is_not_a_multiple_of_its_cells_covers_the_size(tmp_path):
     (tmp_path / 'f.yaml').write_text(
         'walls: {size: [7.42, 5.0], lines: []}\nfeatures:\n'
         '  - {kind: threshold, line: [[7.42, 1], [6, 1]], height: 0.01}')

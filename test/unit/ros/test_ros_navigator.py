@@ -265,7 +265,7 @@ def test_another_publisher_ends_the_goal_at_rest_and_is_named_until_it_ends(grap
     assert graph.spin(20.0, lambda: graph.send(2.7, 1.4).accepted)
 
 
-def test_a_second_navigator_of_the_same_name_is_refused_when_it_is_no_restart(
+def test_a_second_navigator_of_the_same_name_is_refused_unless_it_is_a_restart(
         graph, monkeypatch):
     monkeypatch.setattr(single_publisher, 'RESTART_TIME', 0.0)
     assert graph.send(2.7, 1.4).accepted
