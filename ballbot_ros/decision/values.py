@@ -236,6 +236,11 @@ class Decision:
         return position + self.distance
 
     @property
+    def committed(self) -> bool:
+        """Return whether the decision crosses a step past its last braking point."""
+        return self.kind is Kind.CROSS and self.reason is Reason.COMMITTED
+
+    @property
     def refuses(self) -> bool:
         """Return whether the decision is not to continue; False while plans are evaluated."""
         return self.kind in (Kind.STOP, Kind.GO_ROUND) and self.reason is not Reason.EVALUATING

@@ -49,12 +49,6 @@ class GoalEnd:
     message: str
 
 
-def committed(decision: Decision) -> bool:
-    """Return whether a decision crosses a step past its last braking point."""
-    return decision.kind is Kind.CROSS and (
-        decision.reason is Reason.COMMITTED or decision.contact_since is not None)
-
-
 def stopping(planned: Decision, why: str, place: float = math.inf,
              speed: float = 0.0) -> Decision:
     """Return the stop that replaces a decision: at a position [m], or as soon as possible."""
@@ -160,7 +154,7 @@ class Goals:
         """Return the executed part of a decision."""
         # A stop continues a crossing past its last braking point, but does not start one.
         stops = self.waiting if self.goal is None else self.goal.stops
-        if committed(planned) and (self._crossing or not stops):
+        if planned.committed and (self._crossing or not stops):
             executed = planned
         elif self.goal is not None:
             executed = self.goal.constrain(planned, motion)

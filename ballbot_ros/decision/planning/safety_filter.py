@@ -117,8 +117,7 @@ def checked(decision: Decision, situation: Situation, knowledge: Knowledge) -> D
     if not crossing:
         return decision
     face = next((item for item in situation.profile.faces if item.number == decision.step), None)
-    if face is None and situation.motion.position < plan.edge and (
-            decision.contact_since is not None or decision.reason is Reason.COMMITTED):
+    if face is None and situation.motion.position < plan.edge and decision.committed:
         return decision  # past the last braking point, or its face is below the ball
     if face is None:
         return stop(Reason.BAD_OBSERVATION, 'Stopping: a plan crosses an unknown step')
@@ -156,8 +155,7 @@ def with_safety_filter(planner: Planner, knowledge: Knowledge) -> Planner:
 
 def past_braking(previous: Optional[Decision], situation: Situation) -> bool:
     """Return whether the ball is past the last braking point of a crossing."""
-    if previous is None or previous.kind is not Kind.CROSS \
-            or previous.reason is not Reason.COMMITTED or situation.profile is UNSEEN \
+    if previous is None or not previous.committed or situation.profile is UNSEEN \
             or implausible_input(situation):
         return False
     # Between two edges of a plan, the ball may already have passed the step.
