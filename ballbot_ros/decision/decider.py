@@ -149,7 +149,7 @@ class Decider:
         motion = self._pilot.estimate(self.motion, self._watch.attempt is not None)
         memory, profile = self._memory, self._fusion.at(motion) or UNSEEN
         memory.move(motion, profile)
-        situation = Situation(motion, profile, memory.failures(profile), memory.free_from,
+        situation = Situation(motion, profile, tuple(memory.failures), memory.free_from,
                               memory.obstruction, self._learner.particles)
         self.planned = planned = self._plan(situation, self.planned)
         self.decision = decision = self.goals.constrain(planned, motion)

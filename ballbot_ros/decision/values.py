@@ -45,6 +45,8 @@ class Reason(str, Enum):
 POSITION_MAX, SPEED_MAX, HEIGHT_MAX = 1e6, 30.0, 10.0
 # A ball is at rest below this speed [m/s].
 REST_SPEED_MAX = 0.03
+# A face is that of an earlier failure within this distance [m]: numbers and heights may change.
+FAILURE_DISTANCE_MAX = 0.15
 # Standard deviation of a slope estimated from several seconds of motion [rad].
 SLOPE_SD = 0.01
 
@@ -340,8 +342,6 @@ class Failure:
 
     Attributes
     ----------
-    face : int
-        Number of the face.
     position : float
         Position of the face [m].
     plan : Plan
@@ -350,10 +350,13 @@ class Failure:
 
     """
 
-    face: int
     position: float
     plan: Plan
     touch_speed: float
+
+    def is_at(self, position: float) -> bool:
+        """Return whether the plan failed at the face at a position [m]."""
+        return abs(self.position - position) < FAILURE_DISTANCE_MAX
 
 
 @dataclass(frozen=True)

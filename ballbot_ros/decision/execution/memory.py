@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """State between decisions: failed plans, an obstruction, and the free ground behind the ball."""
 from collections import deque
-from dataclasses import replace
 import math
 from typing import Deque, Optional, Tuple
 
@@ -11,8 +10,6 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
     Decision, Face, Failure, Kind, Motion, Obstruction, Profile, Reason)
 
-# A face is that of an earlier failure within this distance [m]: numbers and heights may change.
-FAILURE_DISTANCE_MAX = 0.15
 FAILURES_MAX = 20
 # A ball that rolls back keeps this distance from a face that it has passed [m].
 EDGE_CLEARANCE = 0.05
@@ -37,7 +34,7 @@ class Memory:
 
     def reset(self) -> None:
         """Discard everything, after a jump in time or position."""
-        self._failures: Deque[Failure] = deque(maxlen=FAILURES_MAX)
+        self.failures: Deque[Failure] = deque(maxlen=FAILURES_MAX)
         self._free_from, self._edge_behind = math.inf, -math.inf
         self._ahead: Tuple[Face, ...] = ()
         self.obstruction: Optional[Obstruction] = None  # until the ball has passed it
@@ -52,11 +49,6 @@ class Memory:
     def free_from(self) -> float:
         """Return the farthest position behind to which the ball may roll back [m]."""
         return max(self._free_from, self._edge_behind)
-
-    def failures(self, profile: Profile) -> Tuple[Failure, ...]:
-        """Return the failures at faces ahead, with the present face numbers."""
-        return tuple(replace(failure, face=face.number) for face in profile.faces
-                     for failure in self._failures if _is_at(failure, face.position))
 
     def move(self, motion: Motion, profile: Profile) -> None:
         """Update the position and the free ground behind the ball."""
@@ -88,10 +80,10 @@ class Memory:
         """Add the outcome of an attempt."""
         failure = outcome.failure
         if outcome.result == Result.OVER.value:
-            kept = [one for one in self._failures if not _is_at(one, failure.position)]
-            self._failures = deque(kept, maxlen=FAILURES_MAX)
+            kept = [one for one in self.failures if not one.is_at(failure.position)]
+            self.failures = deque(kept, maxlen=FAILURES_MAX)
         else:
-            self._failures.append(failure)
+            self.failures.append(failure)
             self._free_from += SLIP_MAX
 
     def watch(self, motion: Motion, decision: Decision) -> None:
@@ -120,8 +112,3 @@ class Memory:
     def _obstruct(self, position: float, reason: Reason) -> None:
         self.obstruction = Obstruction(position, reason)
         self._rest()
-
-
-def _is_at(failure: Failure, position: float) -> bool:
-    """Return whether a failure was at a face at a position [m]."""
-    return abs(failure.position - position) < FAILURE_DISTANCE_MAX

@@ -71,5 +71,4 @@ class Outcome(Checked):
     @property
     def failure(self) -> Failure:
         """Return the failure of an attempt, for later plans."""
-        return Failure(
-            self.face, self.position, self.plan or Plan(Strategy.STOP), self.touch_speed)
+        return Failure(self.position, self.plan or Plan(Strategy.STOP), self.touch_speed)

@@ -74,7 +74,7 @@ class Situation:
     profile : Profile
         `UNSEEN` before the first observation.
     failures : tuple of Failure
-        Failed plans at faces ahead.
+        Plans that failed, at any face.
     free_from : float
         Farthest position behind the ball to which it may roll back [m].
     obstruction : Obstruction or None
@@ -92,7 +92,7 @@ class Situation:
 
     def failures_at(self, face: Face) -> List[Failure]:
         """Return the failed plans at a face."""
-        return [failure for failure in self.failures if failure.face == face.number]
+        return [failure for failure in self.failures if failure.is_at(face.position)]
 
     @property
     def slope(self) -> float:

@@ -12,7 +12,7 @@ from ballbot_ros.decision.execution.memory import Memory
 from ballbot_ros.decision.learning.outcomes import Outcome
 from ballbot_ros.decision.planning.safety_filter import with_safety_filter
 from ballbot_ros.decision.planning.stop_line import StopLines
-from ballbot_ros.decision.values import Failure, Obstruction, UNSEEN
+from ballbot_ros.decision.values import Failure, Obstruction
 from ballbot_ros.physics.model.robot import load_robot
 
 TUNING = replace(load_decision_tuning('decision_default'), unseen_room=1.0)
@@ -33,6 +33,10 @@ def moved(memory, *positions, faces=(), since=0.0):
     for index, position in enumerate(positions):
         now = since + 0.02 * index
         memory.move(Motion(now, position, 0.4), Profile(now, faces))
+
+
+def failures(memory, face):
+    return Situation(Motion(0.0, 0.0, 0.0), failures=tuple(memory.failures)).failures_at(face)
 
 
 def test_only_ground_that_the_ball_has_rolled_over_is_free():
@@ -82,16 +86,15 @@ def test_a_failure_is_found_by_its_position_despite_another_number_and_height():
     memory = Memory(TUNING, RADIUS)
     moved(memory, 0.0)
     memory.take(outcome())
-    assert memory.failures(Profile(0.0, (STEP,))) == (Failure(4, 1.0, PLAN, 0.7),)
+    assert failures(memory, STEP) == [Failure(1.0, PLAN, 0.7)]
     for height in (0.022, -0.015):
         later = replace(STEP, number=9, position=1.1, height=height)
-        assert [one.face for one in memory.failures(Profile(0.0, (later,)))] == [9]
-    assert memory.failures(Profile(0.0, (replace(later, position=1.2),))) == ()
-    assert memory.failures(UNSEEN) == ()
+        assert len(failures(memory, later)) == 1
+    assert failures(memory, replace(later, position=1.2)) == []
     # The ball may have spun at the foot: less ground is free than by odometry.
     assert memory.free_from == pytest.approx(0.1)
     memory.take(outcome('over'))
-    assert memory.failures(Profile(0.0, (STEP,))) == ()
+    assert failures(memory, STEP) == []
 
 
 @pytest.mark.parametrize('speed, seconds, reason', [
@@ -157,19 +160,19 @@ def answer(failures, position=0.0, free_from=-3.0, speed=0.0):
 def test_a_failed_plan_is_never_repeated():
     first = answer(())
     assert first.kind is Kind.CROSS
-    failed = [Failure(4, 1.0, first.plan, first.outlook.touch_speed)]
+    failed = [Failure(1.0, first.plan, first.outlook.touch_speed)]
     back = answer(failed, 0.8)
     assert (back.kind, back.reason) == (Kind.BACK_OFF, Reason.RUN_UP)
     second = answer(failed, back.plan.start)
     assert second.kind is Kind.CROSS
     assert second.plan.speed > 1.05 * first.plan.speed
     assert second.outlook.touch_speed > 1.1 * first.outlook.touch_speed
-    failed.append(Failure(4, 1.0, second.plan, second.outlook.touch_speed))
+    failed.append(Failure(1.0, second.plan, second.outlook.touch_speed))
     third = answer(failed, -3.0)
     assert third.kind is Kind.GO_ROUND or third.plan.speed > second.plan.speed
     # Without room for a longer run-up the ball goes round.
     assert answer(failed, 0.8, free_from=0.7).reason is Reason.FAILED_BEFORE
-    fast = Failure(4, 1.0, replace(first.plan, speed=1.09), 1.05)
+    fast = Failure(1.0, replace(first.plan, speed=1.09), 1.05)
     assert answer([fast], -3.0).kind is Kind.GO_ROUND
 
 

@@ -335,7 +335,7 @@ def test_the_decision_before_a_step_without_room_behind_does_not_alternate():
 
 def test_a_failed_plan_is_followed_by_a_stronger_one():
     before = decide(step(0.03))
-    failure = Failure(1, 0.0, before.plan, before.outlook.touch_speed)
+    failure = Failure(0.0, before.plan, before.outlook.touch_speed)
     after = decide(step(0.03), failures=(failure,))
     assert after.kind is Kind.CROSS
     assert (after.plan.speed > before.plan.speed
