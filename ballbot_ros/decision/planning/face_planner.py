@@ -272,23 +272,20 @@ class FacePlanner:
 
     def _alone(self, situation: Situation, previous: Optional[Decision]) -> Decision:
         """Decide without a face ahead: continue up to the stop line."""
-        lines, speed = self._lines, self._tuning.cruise_speed
-        line = lines.nearest(situation, ())
-        if line is not None:
-            speed = min(speed, lines.speed_before(line.position, situation))
+        line, speed = self._lines.nearest(situation, ()), self._tuning.cruise_speed
         clear = Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, speed,
                          f'Nothing ahead: cruising at {speed:.2f} m/s',
                          plan=Plan(Strategy.CRUISE, situation.motion.position, speed))
         if line is None:
             return clear
         room = line.obstacle - situation.motion.position - self._robot.ball_radius
-        stop = lines.stop_before(
+        stop = self._lines.stop_before(
             replace(clear, kind=Kind.STOP, reason=line.reason, distance=room,
                     explanation=f'Stopping before {line.explanation} at {room:.2f} m'),
             line.obstacle, situation)
         # STOP below half the cruise speed, CLEAR again at the full cruise speed.
         stopping = previous is not None and previous.kind in (Kind.STOP, Kind.GO_ROUND)
-        if stop.set_speed < self._tuning.cruise_speed * (1.0 if stopping else 0.5):
+        if stop.set_speed < speed * (1.0 if stopping else 0.5):
             return stop
         return replace(clear, set_speed=stop.set_speed)
 
