@@ -13,7 +13,7 @@ from ballbot_ros.decision.perception.step_tracker import StepTracker
 from ballbot_ros.decision.perception.terrain_tracker import TerrainTracker
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
-    Face, Motion, Profile, Reason, StepObservation, TerrainObservation)
+    Motion, Profile, Reason, StepObservation, TerrainObservation)
 from ballbot_ros.physics.model.robot import Robot
 
 Observation = Union[StepObservation, TerrainObservation]
@@ -45,7 +45,6 @@ class ProfileTracker:
         self._edges.clear()
         self._steps.reset()
         self._terrain.reset()
-        self._faces: Tuple[Face, ...] = ()
         self._newest: Dict[type, Tuple[float, Optional[Reason], str]] = {}
 
     def update(self, observation: Observation, position: float) -> Profile:
@@ -66,10 +65,10 @@ class ProfileTracker:
             ground = Profile(stamp, seen_to=-math.inf if kind is TerrainObservation
                              else self._steps.seen_to)
         if reason is None:
-            self._faces = tuple(face for face in self._edges.faces
-                                if not ground.points or face.position + face.run > position)
             reason, why = next((last[1:] for last in newest.values() if last[1]), (None, ''))
-        return replace(ground, stamp=max(last[0] for last in newest.values()), faces=self._faces,
+        faces = tuple(face for face in self._edges.faces
+                      if not ground.points or face.position + face.run > position)
+        return replace(ground, stamp=max(last[0] for last in newest.values()), faces=faces,
                        rejection=reason, explanation=why)
 
 
