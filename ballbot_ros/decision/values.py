@@ -197,9 +197,6 @@ class Decision:
         Touch speed that is reachable from here within all limits [m/s].
     height : float
         Height of the step [m].
-    height_margin : float
-        Difference between the maximum step height, margins included, and the height [m];
-        negative if the step is too high.
     distance : float
         Distance from the ball's centre to the face [m].
     step : int
@@ -222,7 +219,6 @@ class Decision:
     required_speed: float = math.nan
     reachable_speed: float = math.nan
     height: float = math.nan
-    height_margin: float = math.nan
     distance: float = math.nan
     step: int = 0
     contact_since: Optional[float] = None
@@ -236,6 +232,15 @@ class Decision:
         if self.plan is not None and math.isfinite(self.plan.edge):
             return self.plan.edge
         return position + self.distance
+
+    @property
+    def height_margin(self) -> float:
+        """
+        Return the height limit of the outlook minus the height of the step [m].
+
+        Negative if the step is too high; NaN without an outlook.
+        """
+        return math.nan if self.outlook is None else self.outlook.height_limit - self.height
 
     @property
     def committed(self) -> bool:

@@ -188,7 +188,6 @@ def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion, next_
     return Decision(
         Kind.BACK_OFF if back else Kind.CROSS, reason, speed, text,
         choice.required_speed, choice.reachable_speed, face.height,
-        seen.height_limit - face.height,
         distance=face.position - motion.position, step=face.number,
         start_distance=motion.position - plan.start if back else 0.0,
         swing_distance=plan.swing_position - motion.position, plan=plan, outlook=seen)
@@ -225,8 +224,7 @@ def refuse(choice: Choice, ahead: Ahead, motion: Motion, tuning: DecisionTuning)
     return Decision(
         Kind.GO_ROUND if hopeless else Kind.STOP, choice.reason, tuning.cruise_speed, text,
         choice.required_speed, choice.reachable_speed, face.height,
-        seen.height_limit - face.height, face.position - motion.position, face.number,
-        outlook=seen)
+        face.position - motion.position, face.number, outlook=seen)
 
 
 # The ball counts as on the step from this distance before the touch [m].
