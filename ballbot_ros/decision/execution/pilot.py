@@ -91,15 +91,14 @@ class Pilot:
         order = self._order(decision, motion)
         self._stamp = motion.stamp
         self._state, self._angle = pilot_step(
-            self._state, motion.position, motion.speed, math.nan, order[:], period, self._law)
+            self._state, motion.position, motion.speed, order[:], period, self._law)
         return self._angle
 
     def _order(self, decision: Decision, motion: Motion) -> Order:
         """Return the order that executes a decision."""
         plan, tuning = decision.plan or Plan(Strategy.STOP), self._tuning
         stand = self._standing(decision, motion)
-        common = Order(lean=tuning.largest_lean, emergency_lean=tuning.emergency_lean,
-                       reaction=tuning.dead_time)
+        common = Order(tuning.largest_lean, tuning.emergency_lean, tuning.dead_time)
         if decision.kind is Kind.BACK_OFF:
             return common._replace(forward=CREEP_SPEED, backward=BACK_OFF_SPEED, stop=plan.start)
         if decision.kind in (Kind.STOP, Kind.GO_ROUND):

@@ -27,6 +27,9 @@ EASING_SPEED = 0.3
 class Order(NamedTuple):
     """Order for the pilot, until the next one; positions along the odometry axis."""
 
+    lean: float  # largest lean [rad]
+    emergency_lean: float  # for braking and holding on slopes [rad]
+    reaction: float  # delay of a set angle [s]
     forward: float = 0.0  # fastest forward [m/s]
     backward: float = 0.0  # fastest backward to `stop` [m/s]
     # Stop position [m]; infinite for none, -infinite for as soon as possible.
@@ -35,9 +38,6 @@ class Order(NamedTuple):
     swing_angle: float = 0.0  # set angle there [rad]
     edge: float = -math.inf  # end of the swing [m]
     after: float = 0.0  # speed behind the edge [m/s]
-    lean: float = 0.7  # largest lean [rad]
-    emergency_lean: float = 1.4  # for braking and holding on slopes [rad]
-    reaction: float = 0.1  # delay of a set angle [s]
 
 
 @compiled
@@ -58,10 +58,10 @@ def enough_lean(position: float, speed: float, slope: float, order: Order,
 
 
 @compiled
-def pilot_step(state: SpeedState, position: float, speed: float, pendulum_angle: float,
-               order: PlainOrder, period: float, law: Numbers) -> tuple[SpeedState, float]:
+def pilot_step(state: SpeedState, position: float, speed: float, order: PlainOrder,
+               period: float, law: Numbers) -> tuple[SpeedState, float]:
     """
-    Return the next state, and the set angle for law (11) [rad].
+    Return the next state, and the set angle for law (11) [rad]; no pendulum angle is measured.
 
     Parameters
     ----------
@@ -69,8 +69,6 @@ def pilot_step(state: SpeedState, position: float, speed: float, pendulum_angle:
         State of the speed law; see `speed_law_start`.
     position, speed : float
         Position and speed of the centre of the ball [m], [m/s].
-    pendulum_angle : float
-        Absolute angle [rad], NaN if not measured.
     order : PlainOrder
         See `Order`.
     period : float
@@ -83,7 +81,7 @@ def pilot_step(state: SpeedState, position: float, speed: float, pendulum_angle:
     lean = enough_lean(position, speed, estimated_slope(state, law), own, law)
     if own.stop == -math.inf:
         later, set_angle = speed_law_step(
-            state, speed, pendulum_angle, 0.0, own.emergency_lean, period, law)
+            state, speed, math.nan, 0.0, own.emergency_lean, period, law)
         if abs(speed) > EASING_SPEED:
             # Full lean, without the estimated slope: at an edge the estimate is wrong.
             braking, numbers = -math.copysign(own.emergency_lean, speed), SpeedLaw(*law)
@@ -95,12 +93,12 @@ def pilot_step(state: SpeedState, position: float, speed: float, pendulum_angle:
     elif math.isfinite(own.stop):
         gap = own.stop - position
         later, set_angle = place_law_step(
-            state, speed, pendulum_angle, gap, own.forward if gap > 0.0 else own.backward, lean,
+            state, speed, math.nan, gap, own.forward if gap > 0.0 else own.backward, lean,
             period, law)
     else:
         set_speed = own.after if -math.inf < own.edge <= position else own.forward
         later, set_angle = speed_law_step(
-            state, speed, pendulum_angle, set_speed, lean, period, law)
+            state, speed, math.nan, set_speed, lean, period, law)
     if own.swing <= position < own.edge:
         # On the step, its face supports the ball: the estimated slope must not change.
         set_angle = own.swing_angle

@@ -11,7 +11,7 @@ from ballbot_ros.control.speed_law import speed_law_start
 from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision import (
     Face, Knowledge, load_curve, load_decision_tuning, Motion, Profile, Situation)
-from ballbot_ros.decision.execution.pilot_law import pilot_step
+from ballbot_ros.decision.execution.pilot_law import Order, pilot_step
 from ballbot_ros.decision.planning.ahead import Candidate, look_ahead
 from ballbot_ros.decision.planning.rollout.rollout import (
     CORNER_FRICTION, DRAW, Drive, EDGE, FALLS, fill_ground, FLOOR_FRICTION, HEIGHT, OVER, PLACE,
@@ -67,14 +67,14 @@ def driven(robot, height, position, speed, row):
     plant = Plant(scene, 500.0)
     law = Drive(*WORLDS._drive).law
     state, touched = speed_law_start(speed, 0.0, 0.0, law), None
-    order = (row[SPEED], 0.0, math.inf, row[SWING_AT], row[SWING_ANGLE], row[EDGE],
-             min(row[SPEED], TUNING.cruise_speed), TUNING.largest_lean,
-             TUNING.emergency_lean, TUNING.reaction_time)
+    order = Order(TUNING.largest_lean, TUNING.emergency_lean, TUNING.reaction_time,
+                  forward=row[SPEED], swing=row[SWING_AT], swing_angle=row[SWING_ANGLE],
+                  edge=row[EDGE], after=min(row[SPEED], TUNING.cruise_speed))[:]
     for period in range(6000):
         now = plant.state
         if period % 10 == 0:
             state, angle = pilot_step(
-                state, now.x, now.velocity_x, math.nan, order, 0.02, law)
+                state, now.x, now.velocity_x, order, 0.02, law)
         asked = position_torque(now.pendulum_angle, now.pendulum_rate, angle, 40.0, 10.0,
                                 GIMBALL.largest_gravity_torque)
         now = plant.advance(limited(asked, 4.0))

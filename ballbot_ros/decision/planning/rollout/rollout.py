@@ -282,8 +282,8 @@ def order_of(plan: Array, after: float, drive: Drive) -> PlainOrder:
     Behind the last edge the ball continues at `after` [m/s].
     """
     stop = -math.inf if plan[SPEED] == 0.0 else math.inf
-    return (plan[SPEED], 0.0, stop, plan[SWING_AT], plan[SWING_ANGLE], plan[EDGE], after,
-            drive.lean, drive.emergency_lean, drive.reaction)
+    return (drive.lean, drive.emergency_lean, drive.reaction, plan[SPEED], 0.0, stop,
+            plan[SWING_AT], plan[SWING_ANGLE], plan[EDGE], after)
 
 
 @outlined
@@ -300,8 +300,7 @@ def roll_until(until: float, rising: float, now: Rolling, order: PlainOrder, rob
             now.speed > REST_SPEED_MAX or time < rising):
         if count % ROLLING_STEPS == 0:
             memory, set_angle = pilot_step(
-                memory, now.position, now.speed, math.nan, order, ROLLING_STEPS * ROLLING_STEP,
-                drive.law)
+                memory, now.position, now.speed, order, ROLLING_STEPS * ROLLING_STEP, drive.law)
         now = roll(now, set_angle, slope_at(ground, now.position), ROLLING_STEP, robot, drive)
         time += ROLLING_STEP
         count += 1
@@ -322,8 +321,8 @@ def height_above(state: Array, robot: Parameters, ground: Array) -> float:
 def rest_position(state: Array, robot: Parameters, drive: Drive, ground: Array) -> float:
     """Return the stop position of a ball that brakes with full lean [m]."""
     now = Rolling(state[X], state[VELOCITY_X], state[PENDULUM_ANGLE], state[PENDULUM_RATE])
-    order = (0.0, 0.0, -math.inf, math.inf, 0.0, -math.inf, 0.0, drive.emergency_lean,
-             drive.emergency_lean, drive.reaction)
+    order = (drive.emergency_lean, drive.emergency_lean, drive.reaction, 0.0, 0.0, -math.inf,
+             math.inf, 0.0, -math.inf, 0.0)
     now, _ = roll_until(math.inf, 0.0, now, order, robot, drive, ground)
     return now.position
 
@@ -364,8 +363,7 @@ def climb(memory: SpeedState, plan: Array, robot: Parameters, drive: Drive, scra
     for count in range(int(DURATION_MAX / PERIOD)):
         if count % DECISION_PERIODS == 0:
             memory, set_angle = pilot_step(
-                memory, state[X], state[VELOCITY_X], math.nan, order, DECISION_PERIODS * PERIOD,
-                drive.law)
+                memory, state[X], state[VELOCITY_X], order, DECISION_PERIODS * PERIOD, drive.law)
         torque = torque_of(state, set_angle, robot, drive)
         foremost = push(state, torque, PERIOD, robot, ground, scratch.contacts, scratch.rates)
         time += PERIOD
