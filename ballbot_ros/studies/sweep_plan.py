@@ -6,7 +6,6 @@ A case is a robot before a step.  Any parameter may vary: fields of the robot an
 ``motor.resistance``) of its motor, speed and height, the ground, the actuation.
 """
 from dataclasses import asdict, dataclass, replace
-import hashlib
 import json
 import math
 from typing import Any, Dict, Mapping, Optional, Tuple
@@ -25,6 +24,7 @@ from ballbot_ros.physics import Actuation, Robot
 from ballbot_ros.physics.model.actuation import SET_VALUES
 from ballbot_ros.physics.model.robot import described, MOTOR, ROBOT, with_parameters
 from ballbot_ros.physics.model.terrain import Array
+from ballbot_ros.results.digests import digest
 
 DESIGNS = ('grid', 'sobol', 'random')
 MOST_CASES = 10**9
@@ -230,5 +230,4 @@ class SweepPlan(Checked):
     @property
     def digest(self) -> str:
         """Return a digest of `describe`."""
-        return hashlib.sha256(
-            json.dumps(self.describe(), sort_keys=True).encode()).hexdigest()[:16]
+        return digest(self.describe())
