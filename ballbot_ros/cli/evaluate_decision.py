@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.dask is None:
             # Local workers inherit the kernels that this process has loaded.
             run_block(evaluation, evaluation.parts[0][0], 'drawn', 0, 1, False)
-        evaluation = with_limits(arguments, evaluation, pool)
+        evaluation = with_limits(arguments, evaluation, pool, workers)
         if arguments.only is not None:
             print_one(arguments, evaluation)
             return DONE
@@ -70,7 +70,8 @@ def run(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def with_limits(arguments: argparse.Namespace, evaluation: Any, pool: Any) -> Any:
+def with_limits(arguments: argparse.Namespace, evaluation: Any, pool: Any,
+                workers: int) -> Any:
     """Return the evaluation with the limits of its crossable steps, if it has such steps."""
     if not any(group == 'crossable' and count for _, group, count in evaluation.parts) or (
             arguments.only is not None and arguments.crossable != 1):
@@ -80,7 +81,7 @@ def with_limits(arguments: argparse.Namespace, evaluation: Any, pool: Any) -> An
                  'run-ups', keeps=False) as progress:
         nominal = evaluation.nominal()
         return replace(evaluation, limits=limits_of_most(
-            nominal.robot, nominal.control, arguments.out, pool, progress))
+            nominal.robot, nominal.control, arguments.out, pool, workers, progress))
 
 
 def print_one(arguments: argparse.Namespace, evaluation: Any) -> None:

@@ -6,7 +6,6 @@ A *manoeuvre* is a run-up from rest to a speed, and a swing of the pendulum some
 touch.  The search uses the true robot parameters, unlike the decision.
 """
 from concurrent.futures import Executor
-import json
 import math
 from pathlib import Path
 from typing import List, NamedTuple, Sequence, Tuple
@@ -18,15 +17,16 @@ from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.errors import SimulationError
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.uncertainty import draw
-from ballbot_ros.results.files import write_text
+from ballbot_ros.results.digests import digest
 from ballbot_ros.studies.evaluation.closed_loop import (
     balanced_angle, ClosedLoop, Script, TOUCH_PERIOD, TOUCH_SPEED)
 from ballbot_ros.studies.evaluation.terrains import Ground, lay, Shape, true_faces
+from ballbot_ros.studies.parallel_map import checkpointed_rows, source_digest
 from ballbot_ros.studies.progress import ignore, Progress
 
 Limits = Tuple[Tuple[float, float], ...]
 
-FILE = 'crossable.json'
+FOLDER = 'limits'
 TOUCH_SPEED_MAX = 1.15         # touch [m/s]
 RUN_UP_GAIN, RUN_UP_LEAN = 4.0, 1.2  # of the run-up [rad s/m], [rad]
 CHUNK, CROSSING_TIME_MAX = 50, 8.0  # control periods between two checks, [s]
@@ -144,27 +144,24 @@ def limit_of_most(nominal: Robot, tuning: ControlTuning, run_up: float) -> float
 
 
 def limits_of_most(nominal: Robot, tuning: ControlTuning, folder: Path, pool: Executor,
-                   progress: Progress = ignore) -> Limits:
+                   workers: int, progress: Progress = ignore) -> Limits:
     """
-    Return the limit of most by run-up; kept in a file of the folder.
+    Return the limit of most by run-up; see `parallel_map.checkpointed_rows`.
 
-    `progress` receives the number of finished run-ups, of `KNOTS`.
+    The blocks are in the subfolder `FOLDER` of the folder.  `progress` receives the number of
+    finished run-ups, of `KNOTS`.
     """
-    path = folder / FILE
-    try:
-        known = json.loads(path.read_text(encoding='utf-8'))
-        if known['robot'] == nominal.digest:
-            return tuple((float(knot), float(limit)) for knot, limit in known['limits'])
-    except (OSError, ValueError, KeyError, TypeError):
-        pass
-    parts = [pool.submit(limit_of_most, nominal, tuning, knot) for knot in reversed(KNOTS)]
-    found = []
-    for part in parts:
-        found.append(part.result())
-        progress(len(found))
-    limits = tuple(zip(KNOTS, reversed(found)))
-    write_text(json.dumps({'robot': nominal.digest, 'limits': limits}), path)
-    return limits
+    # The longest run-ups take the longest.
+    blocks = {f'{knot:g}.json': (1, (nominal, tuning, knot)) for knot in reversed(KNOTS)}
+    found = checkpointed_rows(
+        limit_row, blocks, folder / FOLDER, digest((source_digest(), nominal.digest, tuning)),
+        pool, workers, progress)
+    return tuple(zip(KNOTS, reversed(found)))
+
+
+def limit_row(nominal: Robot, tuning: ControlTuning, run_up: float) -> List[float]:
+    """Return the limit of most at a run-up, as the row of a block."""
+    return [limit_of_most(nominal, tuning, run_up)]
 
 
 def limit_at(limits: Sequence[Tuple[float, float]], run_up: float) -> float:
