@@ -8,7 +8,7 @@ robot, attempts those with a sufficient predicted probability, and learns.  Then
 for other such steps, with and without learning, are compared with the observed success rates.
 """
 from dataclasses import dataclass, replace
-from typing import Callable, List, Sequence, Tuple
+from typing import List, Sequence, Tuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.model.uncertainty import draw
+from ballbot_ros.studies.progress import ignore, Progress
 
 # Deviation of the true robot: factor of both frictions, and bias of the sensor [m].
 CASES = {
@@ -72,7 +73,7 @@ def attempted(robot: Robot, bias: float, touching: Touching,
 
 def study(robot: Robot, robots: int, attempts: int, seed: int = 0,
           cases: Sequence[str] = tuple(CASES), particles: int = 256,
-          progress: Callable[[float], None] = lambda done: None) -> List[SuccessRates]:
+          progress: Progress = ignore) -> List[SuccessRates]:
     """
     Simulate learning with a number of virtual robots, drawn from a robot, for each case.
 
