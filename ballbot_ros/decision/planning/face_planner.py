@@ -270,22 +270,21 @@ class FacePlanner:
 
     def _alone(self, situation: Situation, previous: Optional[Decision]) -> Decision:
         """Decide without a face ahead: continue up to the stop line."""
-        line, speed = self._lines.nearest(situation, ()), self._tuning.cruise_speed
-        clear = Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, speed,
-                         f'Nothing ahead: cruising at {speed:.2f} m/s',
-                         plan=Plan(Strategy.CRUISE, situation.motion.position, speed))
-        if line is None:
-            return clear
-        room = line.obstacle - situation.motion.position - self._robot.ball_radius
-        stop = self._lines.stop_before(
-            replace(clear, kind=Kind.STOP, reason=line.reason, distance=room,
-                    explanation=f'Stopping before {line.explanation} at {room:.2f} m'),
-            line.obstacle, situation)
-        # STOP below half the cruise speed, CLEAR again at the full cruise speed.
-        stopping = previous is not None and previous.kind in (Kind.STOP, Kind.GO_ROUND)
-        if stop.set_speed < speed * (1.0 if stopping else 0.5):
-            return stop
-        return replace(clear, set_speed=stop.set_speed)
+        position, speed = situation.motion.position, self._tuning.cruise_speed
+        line = self._lines.nearest(situation, ())
+        if line is not None:
+            room = line.obstacle - position - self._robot.ball_radius
+            stop = self._lines.stop_before(Decision(
+                Kind.STOP, line.reason, 0.0, f'Stopping before {line.explanation} at {room:.2f} m',
+                distance=room), line.obstacle, situation)
+            # STOP below half the cruise speed, CLEAR again at the full cruise speed.
+            stopping = previous is not None and previous.kind in (Kind.STOP, Kind.GO_ROUND)
+            if stop.set_speed < speed * (1.0 if stopping else 0.5):
+                return stop
+            speed = stop.set_speed
+        return Decision(Kind.CLEAR, Reason.NOTHING_AHEAD, speed,
+                        f'Nothing ahead: cruising at {speed:.2f} m/s',
+                        plan=Plan(Strategy.CRUISE, position, speed))
 
     def _face(self, ahead: Ahead, situation: Situation, crossing: Optional[Decision]) -> Decision:
         """Decide on the faces ahead; `crossing`: a crossing past its last braking point."""

@@ -317,6 +317,13 @@ def test_a_steep_stretch_before_the_next_step_limits_the_room_behind_this_one():
         assert answer.reason is reason
 
 
+def test_near_the_end_of_the_observed_terrain_the_explanation_states_the_lower_set_speed():
+    profile = Profile(0.0, (), seen_to=0.7)
+    answer = planner()(Situation(Motion(0.0, 0.0, 0.3), profile), None)
+    assert answer.kind is Kind.CLEAR and answer.set_speed < TUNING.cruise_speed
+    assert f'{answer.set_speed:.2f} m/s' in answer.explanation
+
+
 def test_a_plan_applies_to_one_step_only():
     decide = planner()
     first = on(distance=0.92, speed=0.4, decide=decide)
