@@ -11,12 +11,12 @@ from ballbot_ros.decision.perception.ground_profile import GroundProfile
 from ballbot_ros.decision.planning.situation import Situation
 from ballbot_ros.decision.planning.stop_line import LINE_MARGIN
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Face, Profile, Strategy
+from ballbot_ros.decision.values import After, Face, Profile, Strategy
 from ballbot_ros.physics.model.terrain import Array
 
 # Maximum number of faces that are planned together; a plan ends before the next one.
 FACES_MAX = 8
-# An obstacle nearer than this behind the last edge requires braking immediately [m].
+# A face that the ball could touch nearer than this behind the last edge requires a stop [m].
 BRAKING_DISTANCE = 1.5
 # Maximum duration of a contact with a step [s].
 CONTACT_TIME_MAX = 3.0
@@ -39,6 +39,7 @@ class End:
     position: float  # of that vertex [m]
     passed: float  # position at which the centre has certainly passed it [m]
     following: int = 0  # vertex of the foot of the next face; the last vertex without one
+    after: After = After.CRUISE  # STOP before a near face
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,10 +158,15 @@ def look_ahead(situation: Situation, faces: Sequence[Face], radius: float,
     deviations = np.zeros((2, FACES_MAX))
     for index, face in enumerate(faces[:FACES_MAX]):
         deviations[:, index] = face.height_sd, face.position_sd
+    for number, end in enumerate(ends):
+        if end.faces < len(faces):
+            room = faces[end.faces].position - radius - end.position
+            ends[number] = replace(end, following=feet[end.faces], after=(
+                After.STOP if room < BRAKING_DISTANCE else After.CRUISE))
+        else:
+            ends[number] = replace(end, following=len(rows) - 1)
     first = faces[0]
     return Ahead(
-        np.array(rows), tuple(faces), tuple(
-            replace(end, following=feet[end.faces] if end.faces < len(feet) else len(rows) - 1)
-            for end in ends), deviations, slope, situation.slope_sd,
+        np.array(rows), tuple(faces), tuple(ends), deviations, slope, situation.slope_sd,
         first.position - touch_distance(radius, first.height, slope=slope),
         min(seen_to - radius - LINE_MARGIN, line), known, descents)

@@ -13,7 +13,7 @@ from typing import Callable, NamedTuple, Optional
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.planning.ahead import (
-    Ahead, BRAKING_DISTANCE, Candidate, CONTACT_TIME_MAX, faces_ahead, look_ahead)
+    Ahead, Candidate, CONTACT_TIME_MAX, faces_ahead, look_ahead)
 from ballbot_ros.decision.planning.safety_filter import past_braking, stop
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.planning.stop_line import LINE_MARGIN, StopLines
@@ -162,17 +162,16 @@ WHY = {
 PERMANENT_REASONS = (Reason.TOO_HIGH, Reason.FAILED_BEFORE, Reason.WALL)
 
 
-def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion, next_at: float,
+def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion,
        tuning: DecisionTuning) -> Decision:
-    """Return the decision to execute a plan; the centre is at `next_at` at the next obstacle."""
+    """Return the decision to execute a plan."""
     face, end, back = ahead.faces[0], candidate.end(ahead), candidate.back > 0.0
     seen = choice.outlook
     # The decision is repeated after backing off: until then, the speed of the approach is limited.
     speed = min(candidate.speed, tuning.cruise_speed) if back else candidate.speed
     plan = Plan(
         candidate.strategy, ahead.touch - candidate.back if back else -math.inf, speed,
-        ahead.touch - candidate.swing, candidate.angle, end.passed,
-        After.STOP if next_at - end.position < BRAKING_DISTANCE else After.CRUISE)
+        ahead.touch - candidate.swing, candidate.angle, end.passed, end.after)
     where = f'{1e3 * face.height:.0f} mm at {face.position - motion.position:.2f} m'
     how = f'{candidate.strategy.value} at up to {candidate.speed:.2f} m/s'
     if math.isfinite(plan.swing_position):
@@ -319,11 +318,7 @@ class FacePlanner:
                 # Keep the run-up of a ball at rest.
                 return replace(answer, set_speed=0.0, plan=Plan(Strategy.STOP))
             return self._lines.stop_before(answer, face.position, situation)
-        end = choice.candidate.end(ahead)
-        later = [item.position - self._robot.ball_radius for item in ahead.faces
-                 if item.position > end.position + 1e-3]
-        return go(choice, choice.candidate, ahead, motion, min(later, default=math.inf),
-                  self._tuning)
+        return go(choice, choice.candidate, ahead, motion, self._tuning)
 
     def _push(self, situation: Situation, previous: Optional[Decision]) -> Optional[Decision]:
         """Return the decision on the step: continue, unless the contact lasts too long."""

@@ -13,13 +13,14 @@ from ballbot_ros.decision import (
     Face, Knowledge, load_curve, load_decision_tuning, Motion, Profile, Situation)
 from ballbot_ros.decision.execution.pilot_law import Order, pilot_step
 from ballbot_ros.decision.planning.ahead import Candidate, look_ahead
+from ballbot_ros.decision.planning.face_planner import Choice, go
 from ballbot_ros.decision.planning.rollout.rollout import (
-    CORNER_FRICTION, DRAW, Drive, EDGE, FALLS, fill_ground, FLOOR_FRICTION, HEIGHT, OVER, PLACE,
-    REST, ROBOT, roll, Rolling, SPEED, STUCK, SWING_ANGLE, SWING_AT, TOUCH_ANGLE, TOUCH_SPEED,
-    VERDICT)
+    CONTINUES, CORNER_FRICTION, DRAW, Drive, EDGE, FALLS, fill_ground, FLOOR_FRICTION, HEIGHT,
+    OVER, PLACE, REST, ROBOT, roll, Rolling, SPEED, STUCK, SWING_ANGLE, SWING_AT, TOUCH_ANGLE,
+    TOUCH_SPEED, VERDICT)
 from ballbot_ros.decision.planning.rollout.search import plan_row
 from ballbot_ros.decision.planning.rollout.worlds import Worlds
-from ballbot_ros.decision.values import Strategy
+from ballbot_ros.decision.values import After, Reason, Strategy
 from ballbot_ros.physics.model.actuation import Actuation, limited, position_torque
 from ballbot_ros.physics.model.robot import ContactOptions, load_robot, Parameters
 from ballbot_ros.physics.model.terrain import Terrain
@@ -57,6 +58,16 @@ def rolled_out(robot, height, position, speed, candidate):
     result = WORLDS.attempt(
         (position, speed, 0.0, 0.0), [row], world(robot), ahead)[0, 0]
     return row, result
+
+
+@pytest.mark.parametrize('gap, after', [(1.4, After.STOP), (1.6, After.CRUISE)])
+def test_a_rollout_stops_behind_the_edge_if_the_plan_does(gap, after):
+    ahead = ahead_of(-1.0, Face(1, 0.0, 0.02, 0.0, 0.0), Face(2, gap + RADIUS, 0.02, 0.0, 0.0))
+    candidate = Candidate(Strategy.ACCELERATE, 0.8)
+    executed = go(Choice(candidate, Reason.LIKELY), candidate, ahead, Motion(0.0, -1.0, 0.0),
+                  TUNING)
+    assert executed.plan.after is after
+    assert plan_row(candidate, ahead)[CONTINUES] == (after is After.CRUISE)
 
 
 def driven(robot, height, position, speed, row):

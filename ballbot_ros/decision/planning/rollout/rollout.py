@@ -24,7 +24,7 @@ from ballbot_ros.control.speed_law import Numbers, speed_law_start, SpeedState
 from ballbot_ros.crossing.attempt import RETREAT, touching_at
 from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision.execution.pilot_law import pilot_step, PlainOrder
-from ballbot_ros.decision.planning.ahead import BRAKING_DISTANCE, CONTACT_TIME_MAX, FACES_MAX
+from ballbot_ros.decision.planning.ahead import CONTACT_TIME_MAX, FACES_MAX
 from ballbot_ros.decision.values import REST_SPEED_MAX
 from ballbot_ros.jit import compiled, outlined, unlocked
 from ballbot_ros.physics.mechanics.contact import (
@@ -48,7 +48,8 @@ START = 3         # start of the plan, from rest, if that is behind the ball [m]
 EDGE = 4          # end of the swing, and start of the stop [m]
 EDGE_AT = 5       # number of the vertex of the ground behind which the ball is over
 NEXT_AT = 6       # vertex of the foot of the next face, which it must not touch; last for none
-PLAN = 7
+CONTINUES = 7     # 1 if the ball continues behind the last edge, 0 if it stops there
+PLAN = 8
 # Columns of a draw. The first are the robot, in the order of `Parameters`.
 ROBOT = len(Parameters._fields)
 FLOOR_FRICTION = ROBOT  # coefficients of friction
@@ -275,12 +276,9 @@ def reached_at(ground: Array, rough: int, radius: float) -> float:
 
 
 @compiled
-def order_of(plan: Array, after: float, drive: Drive) -> PlainOrder:
-    """
-    Return the order of the pilot for a plan.
-
-    Behind the last edge the ball continues at `after` [m/s].
-    """
+def order_of(plan: Array, drive: Drive) -> PlainOrder:
+    """Return the order of the pilot for a plan."""
+    after = min(plan[SPEED], drive.cruise) if plan[CONTINUES] > 0.0 else 0.0
     stop = -math.inf if plan[SPEED] == 0.0 else math.inf
     return (drive.lean, drive.emergency_lean, drive.reaction, plan[SPEED], 0.0, stop,
             plan[SWING_AT], plan[SWING_ANGLE], plan[EDGE], after)
@@ -354,10 +352,8 @@ def climb(memory: SpeedState, plan: Array, robot: Parameters, drive: Drive, scra
     over_y = ground[edge, VERTEX_Y] + 0.5 * robot.radius
     clear_x = ground[edge, VERTEX_X] + CLEARANCE * robot.radius
     room = reached_at(ground, int(plan[NEXT_AT]), robot.radius)
-    after = 0.0 if room - ground[edge, VERTEX_X] < BRAKING_DISTANCE \
-        else min(plan[SPEED], drive.cruise)
     foot = ground[next_rough(ground, first_segment(ground, state[X])), VERTEX_X] - PROGRESS_MIN
-    order = order_of(plan, after, drive)
+    order = order_of(plan, drive)
     touch_x, until, time, set_angle = math.inf, DURATION_MAX, 0.0, 0.0
     farthest, idle_from = -math.inf, 0.0
     for count in range(int(DURATION_MAX / PERIOD)):
@@ -406,7 +402,7 @@ def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, s
     rough = next_rough(ground, first_segment(ground, now.position))
     until = min(reached_at(ground, rough, robot.radius), plan[SWING_AT]) - FULL_MODEL_LEAD
     now, memory = roll_until(
-        until, TIME_TO_ROLL_MAX, now, order_of(plan, 0.0, drive), robot, drive, ground)
+        until, TIME_TO_ROLL_MAX, now, order_of(plan, drive), robot, drive, ground)
     verdict = STUCK
     if now.position >= until:
         place(now, robot, ground, state)

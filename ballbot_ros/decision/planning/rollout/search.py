@@ -23,11 +23,11 @@ import numpy as np
 
 from ballbot_ros.decision.planning.ahead import Ahead, Candidate
 from ballbot_ros.decision.planning.rollout.rollout import (
-    EDGE, EDGE_AT, FALLS, NEXT_AT, OVER, PASSED_SPEED, PLAN, SPEED, START, Start, SWING_ANGLE,
-    SWING_AT, TOUCH_SPEED, VERDICT)
+    CONTINUES, EDGE, EDGE_AT, FALLS, NEXT_AT, OVER, PASSED_SPEED, PLAN, SPEED, START, Start,
+    SWING_ANGLE, SWING_AT, TOUCH_SPEED, VERDICT)
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Strategy
+from ballbot_ros.decision.values import After, Strategy
 from ballbot_ros.physics.model.terrain import Array
 
 SPEEDS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1)  # [m/s]
@@ -49,6 +49,7 @@ def plan_row(candidate: Candidate, ahead: Ahead) -> Array:
     row[START] = ahead.touch - candidate.back if candidate.back > 0.0 else math.inf
     row[EDGE] = end.passed
     row[EDGE_AT], row[NEXT_AT] = end.vertex, end.following
+    row[CONTINUES] = end.after is After.CRUISE
     return row
 
 
