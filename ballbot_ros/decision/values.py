@@ -203,8 +203,6 @@ class Decision:
         Number of the step, 0 for none.
     contact_since : float or None
         Time of the first contact with the step that is being crossed [s].
-    start_distance, swing_distance : float
-        Distance from the centre back to the start, and forward to the swing [m].
     plan : Plan or None
         None from planners without plans.
     outlook : Outlook or None
@@ -222,8 +220,6 @@ class Decision:
     distance: float = math.nan
     step: int = 0
     contact_since: Optional[float] = None
-    start_distance: float = math.nan
-    swing_distance: float = math.nan
     plan: Optional[Plan] = None
     outlook: Optional[Outlook] = None
 

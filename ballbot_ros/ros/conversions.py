@@ -324,9 +324,11 @@ DECISION_NAMES = {number: kind.name.replace('_', ' ') for kind, number in _KINDS
 _REASONS = {reason: getattr(StepDecision, f'REASON_{reason.name}') for reason in Reason}
 
 
-def decision_message(stamp: Time, decision: Decision, frame: str = FRAMES.base) -> StepDecision:
-    """Return a decision as a message, with its distances in a frame."""
+def decision_message(stamp: Time, decision: Decision, position: float = math.nan,
+                     frame: str = FRAMES.base) -> StepDecision:
+    """Return a decision as a message, with its distances from a position [m] in a frame."""
     outlook, plan = decision.outlook or Outlook(), decision.plan
+    crossing = plan if decision.kind in (Kind.CROSS, Kind.BACK_OFF) else None
     return StepDecision(
         header=Header(stamp=stamp, frame_id=frame), decision=_KINDS[decision.kind],
         reason=_REASONS[Reason(decision.reason)], speed=decision.set_speed,
@@ -337,7 +339,8 @@ def decision_message(stamp: Time, decision: Decision, frame: str = FRAMES.base) 
         probability=outlook.probability, probability_stuck=outlook.stuck,
         probability_falls=outlook.falls, required_probability=outlook.required,
         touch_speed=outlook.touch_speed, height_limit=outlook.height_limit,
-        braking_room=outlook.braking_room, start_distance=decision.start_distance,
-        swing_distance=decision.swing_distance,
+        braking_room=outlook.braking_room, start_distance=math.nan if crossing is None else
+        position - crossing.start if math.isfinite(crossing.start) else 0.0,
+        swing_distance=math.nan if crossing is None else crossing.swing_position - position,
         swing_angle=plan.swing_angle if plan and math.isfinite(plan.swing_position) else math.nan,
         attempts=outlook.attempts, others=list(outlook.others))

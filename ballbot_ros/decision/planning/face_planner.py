@@ -188,8 +188,7 @@ def go(choice: Choice, candidate: Candidate, ahead: Ahead, motion: Motion,
         Kind.BACK_OFF if back else Kind.CROSS, reason, speed, text,
         choice.required_speed, choice.reachable_speed, face.height,
         distance=face.position - motion.position, step=face.number,
-        start_distance=motion.position - plan.start if back else 0.0,
-        swing_distance=plan.swing_position - motion.position, plan=plan, outlook=seen)
+        plan=plan, outlook=seen)
 
 
 def _basis(choice: Choice) -> str:

@@ -14,7 +14,8 @@ from sensor_msgs.msg import JointState
 from ballbot_ros.decision.decider import Answer
 from ballbot_ros.msg import StepDecision
 from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
-from ballbot_ros.ros.conversions import decision_message, set_point_message, to_seconds, to_time
+from ballbot_ros.ros.conversions import (
+    decision_message, motion, set_point_message, to_seconds, to_time)
 from ballbot_ros.ros.endpoints import (
     create_publisher, create_subscription, endpoint_name, wait_until_received)
 from ballbot_ros.ros.markers import decision_markers, MarkerTopic
@@ -82,7 +83,8 @@ class DecisionOutputs:
         if self._markers.is_due(to_seconds(stamp)):
             self._markers.publish(decision_markers(answer.decision, odometry, self._radius))
         # In lockstep the stamp of the set-point identifies its period.
-        self._newest = (decision_message(stamp, answer.decision, self._frame),
+        self._newest = (decision_message(stamp, answer.decision, motion(odometry).position,
+                                         self._frame),
                         set_point_message(to_time(answer.stamp), answer.set_angle))
         self.repeat()
 

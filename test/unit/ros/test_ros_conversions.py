@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 
 from ballbot_ros import decision
 from ballbot_ros.control import Mode
-from ballbot_ros.decision import Decision, Kind, Reason
+from ballbot_ros.decision import Decision, Kind, Plan, Reason, Strategy
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import OdometryFilter, PendulumFilter
 from ballbot_ros.msg import StepDecision, StepObservation, TerrainObservation
@@ -199,6 +199,21 @@ def test_an_observation_is_passed_to_the_tracker_unchanged(
     assert str((found.distance, found.height, found.distance_sd, found.height_sd)) \
         == str((distance, height, distance_sd, height_sd))
     assert found.detected == detected
+
+
+@pytest.mark.parametrize('position, start, swing', [(0.7, 0.0, 0.3), (0.9, 0.0, 0.1)])
+def test_the_distance_to_the_swing_is_that_from_the_present_position(position, start, swing):
+    plan = Plan(Strategy.SWING, swing_position=1.0, edge=1.3)
+    message = conversions.decision_message(
+        Time(), Decision(Kind.CROSS, Reason.COMMITTED, 0.4, '', plan=plan), position)
+    assert (message.start_distance, message.swing_distance) == pytest.approx((start, swing))
+
+
+def test_the_distance_to_the_start_of_a_run_up_is_that_from_the_present_position():
+    plan = Plan(Strategy.BACK_OFF, start=-0.5)
+    message = conversions.decision_message(
+        Time(), Decision(Kind.BACK_OFF, Reason.RUN_UP, 0.4, '', plan=plan), 0.2)
+    assert message.start_distance == pytest.approx(0.7)
 
 
 def test_a_decision_without_a_step_has_height_0_and_nan_for_unknown_values():
