@@ -144,7 +144,8 @@ class ElevationMap:
     Each node has a Kalman filter, which averages scans with weights 1 / variance.  As z is
     relative to the centre of a ball that moves up and down, a scan is first shifted and tilted to
     fit its overlap with the map.  After the first scan, a node becomes known when two consecutive
-    scans agree: in occluded ground there are outliers only, which no later scan would correct.
+    scans agree within the uncertainty of the more precise one: in occluded ground there are
+    outliers only, which no later scan would correct.
     """
 
     def __init__(self, tuning: DecisionTuning):
@@ -188,7 +189,10 @@ class ElevationMap:
         together = variance + new_variance
         shift, tilt, aligned = _alignment(places, old - scan.z, together, common)
         residual = scan.z + shift + tilt * places - old
-        contradicted = seen & (residual**2 > self._sigmas**2 * together)
+        # A vague height would confirm an outlier, too.
+        agreeing = np.where(
+            self.known[inside], together, 2.0 * np.minimum(variance, new_variance))
+        contradicted = seen & (residual**2 > self._sigmas**2 * agreeing)
         outside = common & contradicted
         if np.count_nonzero(outside) > max(5, OUTLIER_FRACTION_MAX * np.count_nonzero(common)):
             worst = int(np.argmax(np.where(common, residual**2 / together, -1.0)))

@@ -388,17 +388,33 @@ def test_medians_are_those_of_seven_neighbours_with_the_ends_reflected(count):
     assert np.array_equal(medians(values), [middles, spread])
 
 
+def scan_of(height, steep=0.0):
+    """Return a level scan with one node at a height [m], known to `steep` [m]."""
+    z, steeps, none = np.zeros(100), np.zeros(100), np.zeros(100)
+    z[60], steeps[60] = height, steep
+    return Scan(0, z, steeps, np.ones(100), none, none, CELL)
+
+
 @pytest.mark.parametrize('between', [0, 1, 5])
 def test_a_node_of_the_map_becomes_known_when_two_consecutive_scans_agree(between):
     """Outliers in occluded ground agree by chance, too, but seldom in consecutive scans."""
     found, position = ElevationMap(DecisionTuning()), 0.5
-
-    def scan(node):
-        z = np.zeros(100)
-        z[60] = node
-        none = np.zeros(100)
-        return Scan(0, z, none, np.ones(100), none, none, CELL)
     for node in (math.nan, 0.05, *[math.nan] * between, 0.05):
-        assert found.add(scan(node), position) == ''
+        assert found.add(scan_of(node), position) == ''
     assert found.known[60 - found.first] == (between == 0)
     assert found.known[59 - found.first]
+
+
+@pytest.mark.parametrize('heights, known', [
+    (((-0.06, 0.012), (-0.02, 0.0)), False),  # such as an outlier behind an edge
+    (((-0.02, 0.0), (-0.06, 0.012)), False),
+    (((-0.06, 0.012), (-0.02, 0.0), (-0.02, 0.0)), True),
+    (((-0.06, 0.012), (-0.02, 0.012)), True),
+    (((-0.02, 0.012), (-0.02, 0.0)), True),
+])
+def test_a_vague_height_does_not_confirm_a_precise_one_far_from_it(heights, known):
+    found, position = ElevationMap(DecisionTuning()), 0.5
+    found.add(scan_of(math.nan), position)
+    for height, steep in heights:
+        assert found.add(scan_of(height, steep), position) == ''
+    assert found.known[60 - found.first] == known
