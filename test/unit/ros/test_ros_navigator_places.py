@@ -43,8 +43,15 @@ def room(context, tmp_path_factory):
 def at_start(room):
     room.pose, room.offset, room.speed, room.yaw_rate = list(START), [0.0, 0.0], 0.0, 0.0
     room.localized = True
-    room.spin(0.5)
+    assert localised(room, START)
     return room
+
+
+def localised(room, pose):
+    """Return whether the node receives this pose on the map from now on."""
+    begin, node = room.time, room.node
+    return room.spin(30.0, lambda: node.percept.stamp > begin
+                     and node.percept[1:4] == pytest.approx(pose, nan_ok=True))
 
 
 @pytest.mark.parametrize('length', [0.5, 1.0, 2.0])
@@ -80,7 +87,7 @@ def test_goals_at_invalid_positions_are_refused_from_action_and_topic(at_start, 
     ((math.nan, 0.0), 'not_finite')])
 def test_an_invalid_start_position_ends_the_goal(at_start, offset, reason):
     at_start.offset = list(offset)
-    at_start.spin(0.5)
+    assert localised(at_start, (START[0] + offset[0], *START[1:]))
     assert at_start.fails(at_start.send(2.4, 2.4)) == reason
 
 
