@@ -43,6 +43,11 @@ class StoodBall:
         return abs(state.ball_angle - self.shell) < 1e-9 and (
             self.pendulum is None or abs(state.pendulum_angle - self.pendulum) < 1e-9)
 
+    @property
+    def at_rest(self):
+        """Return whether the pendulum hangs at rest."""
+        return max(abs(self.state.pendulum_angle), abs(self.state.pendulum_rate)) < 0.005
+
     def advance(self, shaft_torque, _steering_torque):
         """Advance by a period; the stand blocks the second motor."""
         motor, before, period = self.motor, self.state, self._period

@@ -12,7 +12,7 @@ import pytest
 from refusals import refused
 from sensor_msgs.msg import Imu, JointState
 from std_srvs.srv import Trigger
-from waiting import TIMEOUT
+from waiting import TIMEOUT, wait_until
 from workshop import EXTRA, FRESH, Workshop
 import yaml
 
@@ -114,7 +114,7 @@ class Walk:
             self.turn(pendulum=1.5708)
         elif 'hang' in question:
             self.ball.pendulum = None
-            time.sleep(1.5)
+            wait_until(lambda: self.ball.at_rest)
         return 'yes' if 'Ready' in question else ''
 
     def start(self, item):
@@ -185,8 +185,7 @@ class Walk:
             self.ball.pendulum = pendulum
         if shell is not None:
             self.ball.shell = shell
-        while not self.ball.done:
-            time.sleep(0.05)
+        wait_until(lambda: self.ball.done)
 
     def turn_and_verify(self, name, sign, tolerance):
         """
@@ -198,7 +197,7 @@ class Walk:
         """
         joint = ('shell', 'pendulum').index(name)
         for _ in range(5):
-            self.graph.wait(lambda: abs(self.ball.state.pendulum_angle) < 0.005, 'rest')
+            self.graph.wait(lambda: self.ball.at_rest, 'rest')
             self.states.clear()
             self.graph.wait(lambda: self.states, 'joint states flow')
             begin, reported = self.states[-1].position[joint], True
