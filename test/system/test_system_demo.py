@@ -68,6 +68,15 @@ def nodes_of(demo):
     return found
 
 
+def nodes_once_logged(demo, logs, text, names=NODES):
+    """Return the nodes of a demo, as `nodes_of`, once the logs of some contain a text."""
+    paths = [logs / f'{name}.log' for name in names]
+    wait_until(lambda: all(path.exists() and text in path.read_text() for path in paths))
+    found = nodes_of(demo)
+    assert found.keys() == NODES
+    return found
+
+
 @pytest.mark.slow
 def test_from_an_empty_kernel_cache_both_scenes_succeed_and_all_topics_are_recorded(
         demo, monkeypatch, tmp_path):
@@ -173,9 +182,8 @@ def test_a_goal_off_the_map_is_refused_before_the_nodes_start(demo):
 
 def test_a_node_that_dies_fails_the_demo_and_is_named(demo, tmp_path):
     process = demo()
-    nodes = wait_until(lambda: nodes_of(process).keys() == NODES and nodes_of(process))
-    wait_until(lambda: 'joint states have arrived' in (
-        tmp_path / 'out' / 'doorstep' / 'logs' / 'controller.log').read_text())
+    nodes = nodes_once_logged(process, tmp_path / 'out' / 'doorstep' / 'logs',
+                              'joint states have arrived', {'controller'})
     subprocess.run(['kill', '-KILL', str(nodes['controller'])], check=True)
     printed = process.communicate(timeout=TIMEOUT)[0]
     assert process.returncode == 1, printed
@@ -188,10 +196,7 @@ def test_a_node_that_dies_fails_the_demo_and_is_named(demo, tmp_path):
     (signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_an_interrupted_demo_leaves_no_process_running(demo, tmp_path, number, code):
     process = demo()
-    nodes = wait_until(lambda: nodes_of(process).keys() == NODES and nodes_of(process))
-    logs = tmp_path / 'out' / 'doorstep' / 'logs'
-    wait_until(lambda: all(
-        'running with' in (logs / f'{name}.log').read_text() for name in NODES))
+    nodes = nodes_once_logged(process, tmp_path / 'out' / 'doorstep' / 'logs', 'running with')
     process.send_signal(number)
     printed = process.communicate(timeout=TIMEOUT)[0]
     assert process.returncode == code, printed
