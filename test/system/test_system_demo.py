@@ -173,13 +173,6 @@ def test_a_house_demo_that_does_not_arrive_fails(demo):
     assert 'FAILED' in printed and 'the bedroom was not reached' in printed
 
 
-def test_a_goal_off_the_map_is_refused_before_the_nodes_start(demo):
-    printed = (process := demo('--house', '--goal', '8100', '5500')).communicate(
-        timeout=TIMEOUT)[0]
-    assert process.returncode == 2, printed
-    assert 'goal (8100, 5500) m is off the map' in printed and 'FAILED' not in printed
-
-
 def test_a_node_that_dies_fails_the_demo_and_is_named(demo, tmp_path):
     process = demo()
     nodes = nodes_once_logged(process, tmp_path / 'out' / 'doorstep' / 'logs',

@@ -57,6 +57,12 @@ def test_a_house_refuses_the_curve_of_another_robot(tmp_path):
         run_house_demo(tmp_path, curve='shellball_free')
 
 
+def test_a_house_refuses_a_goal_off_the_map_before_the_nodes_start(refuses, tmp_path):
+    out = tmp_path / 'out'
+    refuses('off_map', 'goal', 'demo', '--house', '--goal', '8100', '5500', '--out', out)
+    assert not out.exists()
+
+
 @pytest.mark.slow
 def test_a_robot_without_a_pendulum_and_gains_that_diverge_are_refused(monkeypatch):
     with refused('inconsistent', 'pendulum_mass'):
