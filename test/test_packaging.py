@@ -153,7 +153,9 @@ def workspace(request, sources):
     """Build the package in a separate workspace; return (mode, workspace, environment)."""
     # The second mode finds the messages built. From nothing, `make setup` has built them so.
     keep_the_messages_only(sources)
-    environment = dict(os.environ, ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
+    # Without optimization the compiler takes a quarter less time.
+    environment = dict(os.environ, ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST',
+                       CMAKE_BUILD_TYPE='None')
     # No setup file announces the prefix of the wheels; a sourced ROS 2 is already announced.
     for name, place in (('AMENT_PREFIX_PATH', sys.prefix), ('CMAKE_PREFIX_PATH', sys.prefix),
                         ('PATH', Path(sys.prefix, 'bin'))):
