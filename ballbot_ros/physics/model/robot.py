@@ -45,11 +45,18 @@ DEEPEST = 0.25  # largest plausible static penetration [radii]
 SPEED_MAX = 20.0  # plausible for a robot [m/s]
 HORIZONTAL = 90.0  # pendulum angle [deg]
 GRAVITY_MAX = 30.0  # more than on any planet with a surface [m/s2]
+STALL_MAX = 500.0  # plausible stall torque of a geared motor per mass of its robot [N m/kg]
+TORQUE_CONSTANT_MIN = 1e-3  # of a plausible motor [N m/A]
+# Torque and speed constant of a motor are equal in SI units, except for a factor of at most 2.5
+# between the conventions for brushless motors (peak or rms, phase or line).
+CONSTANTS_RATIO = 5.0
 
 MASSES = {'g': 1e-3, 'mg': 1e-6}
 LENGTHS = {'mm': 1e-3, 'cm': 1e-2}
 INERTIAS = {'kg cm2': 1e-4, 'g m2': 1e-3, 'kg mm2': 1e-6, 'g cm2': 1e-7, 'g mm2': 1e-9}
 STIFFNESSES = {'N/mm': 1e3, 'kN/m': 1e3, 'N/cm': 1e2}
+TORQUE_CONSTANTS = {'mN m/A': 1e-3, 'N cm/A': 1e-2}
+RPM = 30.0 / math.pi  # per rad/s
 
 
 def implausible(robot: Any) -> Iterator[str]:
@@ -92,6 +99,38 @@ def implausible(robot: Any) -> Iterator[str]:
     if robot.gravity > GRAVITY_MAX:
         yield (f'gravity is {robot.gravity:g} m/s2'
                + _meant(robot.gravity, 'm/s2', {'mm/s2': 1e-3, 'cm/s2': 1e-2}, (9.0, 10.5)))
+    if robot.motor is not None:
+        yield from _implausible_motor(robot.motor, radius, STALL_MAX * mass)
+
+
+def _implausible_motor(motor: Any, radius: float, strongest: float) -> Iterator[str]:
+    """Yield a sentence for the first implausible property of a motor; others follow from it."""
+    torque, back, supply = motor.torque_constant, motor.speed_constant, motor.maximum_voltage
+    stall = motor.stall_torque_per_volt * supply
+    rolling = supply / motor.back_voltage * radius if back else 0.0
+    if back and not 1.0 / CONSTANTS_RATIO <= torque / back <= CONSTANTS_RATIO:
+        yield (f'torque_constant is {torque:g} N m/A and speed_constant {back:g} V s/rad; in '
+               'these units a motor has nearly the same number for both'
+               + (_meant(torque, 'N m/A', TORQUE_CONSTANTS, (
+                   max(TORQUE_CONSTANT_MIN, back / CONSTANTS_RATIO), back * CONSTANTS_RATIO))
+                  or _meant(back, 'V s/rad', {
+                      'mV s/rad': 1e-3, 'V/rpm': RPM, 'V/krpm': 1e-3 * RPM,
+                      'rpm/V': RPM / back**2},
+                      (torque / CONSTANTS_RATIO, torque * CONSTANTS_RATIO))))
+    elif rolling > SPEED_MAX:
+        yield (f'without load the motor would roll the robot at {rolling:.3g} m/s: gear_ratio is '
+               f'{motor.gear_ratio:g}, speed_constant {back:g} V s/rad, maximum_voltage '
+               f'{supply:g} V' + _meant(supply, 'V', {'mV': 1e-3}, (1.0, 100.0)))
+    elif stall > strongest:
+        yield (f'the stall torque of the motor is {stall:.3g} N m at the joint, above '
+               f'{STALL_MAX:g} N m per kg of the robot: gear_ratio is {motor.gear_ratio:g}, '
+               f'torque_constant {torque:g} N m/A, resistance {motor.resistance:g} ohm, '
+               f'maximum_voltage {supply:g} V'
+               + _meant(torque, 'N m/A', TORQUE_CONSTANTS, (TORQUE_CONSTANT_MIN, 1.0)))
+    if motor.maximum_torque > strongest:
+        yield (f'maximum_torque is {motor.maximum_torque:g} N m, above {STALL_MAX:g} N m per kg '
+               'of the robot' + _meant(motor.maximum_torque, 'N m', {'mN m': 1e-3, 'N cm': 1e-2},
+                                       (0.0, stall)))
 
 
 def speed_warnings(speed: float, name: str) -> Iterator[str]:

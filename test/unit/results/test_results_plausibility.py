@@ -55,6 +55,45 @@ def test_a_robot_that_contradicts_physics_causes_warnings_in_python(changes, wor
     assert set(text.splitlines()) == set(implausible(robot))
 
 
+def with_motor(**changes):
+    """Return GimBall with a changed motor."""
+    gimball = load_robot('gimball')
+    return gimball.replace(motor=replace(gimball.motor, **changes))
+
+
+@pytest.mark.parametrize('changes, words', [
+    ({'torque_constant': 25.0}, ['25 mN m/A would be 0.025 N m/A']),
+    ({'torque_constant': 2.5}, ['2.5 N cm/A would be 0.025 N m/A']),
+    ({'speed_constant': 25.0}, ['25 mV s/rad would be 0.025 V s/rad']),
+    ({'speed_constant': 2.618}, ['2.618 V/krpm would be 0.025']),
+    ({'speed_constant': 382.0}, ['382 rpm/V would be 0.02499']),
+    ({'torque_constant': 25.0, 'speed_constant': 25.0}, ['stall torque', '25 mN m/A']),
+    ({'maximum_voltage': 12000.0}, ['2.17e+03 m/s', '12000 mV would be 12 V']),
+    ({'maximum_torque': 4000.0}, ['maximum_torque', '4000 mN m would be 4 N m'])])
+def test_a_motor_that_contradicts_physics_causes_one_warning_with_the_likely_unit(changes, words):
+    with pytest.warns(PlausibilityWarning) as warned_about:
+        with_motor(**changes)
+    question, = (str(item.message) for item in warned_about)
+    assert all(word in question for word in words), question
+
+
+@pytest.mark.parametrize('changes', [
+    {'resistance': 0.003125}, {'gear_ratio': 0.05}, {'speed_constant': 2.5e-5}])
+def test_an_implausible_motor_without_a_likely_unit_causes_a_warning(changes):
+    with pytest.warns(PlausibilityWarning) as warned_about:
+        with_motor(**changes)
+    question, = (str(item.message) for item in warned_about)
+    name, = changes
+    assert name in question and 'would be' not in question
+
+
+@pytest.mark.parametrize('changes', [
+    {'speed_constant': 0.0}, {'speed_constant': 0.0125},
+    {'torque_constant': 0.01, 'speed_constant': 0.01, 'resistance': 0.05, 'gear_ratio': 30.0}])
+def test_a_motor_without_back_voltage_or_of_another_convention_or_strong_is_plausible(changes):
+    assert list(implausible(with_motor(**changes))) == []
+
+
 @pytest.mark.parametrize('words', [
     ['max-step-height', '--speed', '0.5', '--robot'], ['robots'], ['simulate'],
     ['view', '--no-browser', '--duration', '0.1'],
