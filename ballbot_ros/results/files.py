@@ -212,9 +212,10 @@ def _read_csv(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
         for title in titles:
             match = _HEADER.match(title.strip())
             if match is None:
+                used = 'semicolons' if ';' in title else 'tabs' if '\t' in title else ''
                 raise ConfigurationError(
-                    'line 1: ' + ('semicolons separate the columns; export the file with commas '
-                                  'between the columns and decimal points' if ';' in title else
+                    'line 1: ' + (f'{used} separate the columns; export the file with commas '
+                                  'between the columns and decimal points' if used else
                                   f'column {title!r} has no name with a unit, such as "x [m]"'),
                     'unreadable', title)
             units[match['name']] = match['unit']

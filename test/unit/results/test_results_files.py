@@ -96,6 +96,7 @@ def test_a_missing_file_is_named():
 
 @pytest.mark.parametrize('text, field, words', [
     ('time [s];x [m]\n0,0;1,5\n', 'time [s];x [m]', ('line 1', 'semicolons')),
+    ('time [s]\tx [m]\n0.0\t1.5\n', 'time [s]\tx [m]', ('line 1', 'tabs')),
     ('time [s],x\n0,1\n', 'x', ('line 1', "'x'")),
     ('time [s],x [m]\n0,1\n0.1,one\n', 'x [m]', ('line 3', '"x [m]"', "'one'")),
     ('time [s],x [m]\n0,1\n"0,1",2\n', 'time [s]', ('line 3', 'decimal point')),
