@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, Mapping
 
 from ballbot_ros.cli.options import add_hardware, add_port
+from ballbot_ros.demo.signals import ending_by_signal
 
 REPLY_TIMEOUT = 0.5  # of the handshake [s]
 
@@ -51,7 +52,8 @@ def run(arguments: argparse.Namespace) -> int:
     driver, identity, _ = handshake(connector(hardware), REPLY_TIMEOUT)
     try:
         print(f'{identity.in_words} on {hardware.connection.port}')
-        found = Calibrator(hardware, load_robot(hardware.robot), driver, Console()).run()
+        with ending_by_signal():  # also of a closing terminal: the motor is stopped
+            found = Calibrator(hardware, load_robot(hardware.robot), driver, Console()).run()
     finally:
         driver.line.close()
     content = dict(read_yaml(find_config('hardware', arguments.hardware)))

@@ -92,9 +92,10 @@ def run(make_node: Callable[[], Node], args: Optional[List[str]] = None) -> int:
 def run_together(make_nodes: Sequence[Callable[[], Node]],
                  args: Optional[List[str]] = None) -> int:
     """
-    Run nodes on one executor until SIGINT or SIGTERM and return the exit code of the process.
+    Run nodes on one executor until a signal ends them, and return the exit code of the process.
 
-    Messages between them then wake no other process.  The method ``make_safe`` of a node, if any,
+    Messages between them then wake no other process.  The signals are SIGINT, SIGTERM and, unless
+    the process ignores it, SIGHUP.  The method ``make_safe`` of a node, if any,
     is called before the node is destroyed, on every exit path and while it can still publish:
     rclpy's own signal handlers, which are replaced, would shut the context down first.  An
     exception in the attribute ``failure`` of a node ends all nodes; the executor would also log an
@@ -112,8 +113,10 @@ def run_together(make_nodes: Sequence[Callable[[], Node]],
                 os._exit(0)
             raise _Stopped
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, stop)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        # A closing terminal sends SIGHUP; nohup ignores it.
+        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, stop)
     sys.setswitchinterval(SWITCH_INTERVAL)
     reach = discovery.apply(os.environ)
     try:

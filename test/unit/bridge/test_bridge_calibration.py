@@ -2,6 +2,8 @@
 """Calibration with scripted answers on an emulated drive; the shell of the ball is held."""
 from dataclasses import replace
 import math
+import os
+import signal
 
 import numpy as np
 import pytest
@@ -9,8 +11,10 @@ from refusals import refused
 from scipy.optimize import curve_fit
 from virtual_robot import STEP, VirtualRobot
 
+from ballbot_ros.bridge import drive_line
 from ballbot_ros.bridge.commissioning.calibration import Calibrator, fit
 from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.cli import calibrate_motor, main
 from ballbot_ros.cli.calibrate_motor import write
 from ballbot_ros.config.files import find_config, read_yaml
 from ballbot_ros.drives.emulated_device import DriveSettings
@@ -109,6 +113,30 @@ def test_ctrl_c_under_torque_stops_the_motor():
     robot.torques.clear()
     robot.pass_time(0.05)
     assert not any(robot.torques)
+
+
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_that_ends_the_verb_under_torque_stops_the_motor(number, tmp_path, monkeypatch):
+    robot = VirtualRobot(held=True)
+    passing, driver = robot.pass_time, robot.connect()
+
+    def end(seconds):
+        passing(seconds)
+        if robot.motor > 0.005:
+            robot.pass_time = passing
+            os.kill(os.getpid(), number)
+    robot.pass_time = end
+    monkeypatch.setattr(drive_line, 'handshake', lambda *_: (driver, driver.identify(), []))
+    monkeypatch.setattr(calibrate_motor, 'Console', lambda: Script(robot))
+    before = signal.signal(number, lambda *_: None)  # under nohup, SIGHUP is ignored
+    try:
+        with pytest.raises(SystemExit):
+            main(['calibrate-motor', '--out', str(tmp_path / 'my_motor.yaml')])
+    finally:
+        signal.signal(number, before)
+    robot.torques.clear()
+    robot.pass_time(0.05)
+    assert robot.torques and not any(robot.torques)
 
 
 @pytest.mark.parametrize('protocol', ['odrive', 'vesc', 'roboclaw'])

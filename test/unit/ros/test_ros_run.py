@@ -53,6 +53,40 @@ def test_a_node_that_fails_is_made_safe_and_logs_one_line(executor, python):
     assert 'Traceback' not in done.stderr
 
 
+HUNG_UP = """
+import os, signal, sys
+from rclpy.node import Node
+from ballbot_ros.ros import run
+signal.signal(signal.SIGHUP, getattr(signal, sys.argv[1]))
+
+class HungUp(Node):
+    def __init__(self):
+        super().__init__('hung_up')
+        self.count = 0
+        self.create_timer(0.01, self.hang_up)
+
+    def hang_up(self):
+        self.count += 1
+        if self.count == 1:
+            os.kill(os.getpid(), signal.SIGHUP)
+        elif self.count == 20:
+            print('runs on', flush=True)
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    def make_safe(self):
+        print('made safe', flush=True)
+
+sys.exit(run.run(HungUp, []))
+"""
+
+
+@pytest.mark.parametrize('before, printed', [
+    ('SIG_DFL', 'made safe\n'), ('SIG_IGN', 'runs on\nmade safe\n')])
+def test_a_closed_terminal_ends_a_node_safely_unless_hangups_are_ignored(before, printed, python):
+    done = python('-c', HUNG_UP, before)
+    assert (done.returncode, done.stdout) == (0, printed)
+
+
 STUCK = """
 import ctypes, sys
 from ballbot_ros.errors import ConfigurationError
