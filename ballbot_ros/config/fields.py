@@ -266,11 +266,17 @@ def changed(part: C, values: Mapping[str, Any]) -> C:
 
     Raises `ConfigurationError` if no value is a column, and a value is out of range.
     """
-    if not any(getattr(value, 'ndim', 0) for value in values.values()):
+    if not any(map(_has_columns, values.values())):
         return replace(part, **values) if values else part  # type: ignore[type-var]
     copy = object.__new__(type(part))
     copy.__dict__.update(part.__dict__, **values)
     return copy
+
+
+def _has_columns(value: Any) -> bool:
+    """Return whether a value is a column, or a part with one."""
+    return getattr(value, 'ndim', 0) > 0 or any(
+        map(_has_columns, getattr(value, '__dict__', {}).values()))
 
 
 def build(cls: Type[T], values: Mapping[str, Any], where: str) -> T:
