@@ -224,6 +224,10 @@ def test_a_drive_needs_a_folder_and_a_line(house, copied, protocol, classes):
     assert 'own, firmware' in printed
     assert [float(x) for x in re.findall(r'(\S+) rad', printed)][-1] > 0.0
     assert 'own' in house.run('-m', 'ballbot_ros.cli', 'emulate-motor', '--help')
+    house.run('-m', 'ballbot_ros.cli', 'new', 'hardware', 'own.yaml', '--protocol', 'own')
+    assert 'own' in house.run('-c', (
+        'from ballbot_ros.bridge.hardware_file import load_hardware\n'
+        "print(load_hardware('own.yaml').connection.protocol)"))
 
 
 def test_an_inertial_sensor_needs_a_folder_and_a_line(house):

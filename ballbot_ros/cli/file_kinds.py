@@ -4,7 +4,7 @@ Kinds of files and the sections of each, for templates and for the tables of doc
 
 Keys, units, ranges, defaults and meanings are those of the classes that read the files.
 """
-from dataclasses import dataclass, fields, MISSING
+from dataclasses import dataclass, fields, MISSING, replace
 from functools import partial
 from typing import Any, Callable, Mapping, Sequence
 
@@ -98,10 +98,16 @@ def tuning_file(cls: Any, name: str) -> list[Section]:
 
 
 def hardware_file(name: str, robot: str = 'gimball', protocol: str = 'odrive') -> list[Section]:
-    """Return the sections of a hardware file, with the values of a shipped one."""
+    """
+    Return the sections of a hardware file, with the values of a shipped one.
+
+    For a drive that no shipped file has, they are those of the first one.
+    """
     check_choice('--protocol', protocol, sorted(DRIVES))
     shipped = [load_hardware(path.stem) for path in shipped_files('hardware')]
-    known = next(item for item in shipped if item.connection.protocol == protocol)
+    new = replace(shipped[0], drive={}, connection=replace(
+        shipped[0].connection, protocol=protocol, baud=max(driver_class(protocol).baud_rates)))
+    known = next((item for item in shipped if item.connection.protocol == protocol), new)
     own = described(driver_class(protocol).Options, tuple(SET_ELSEWHERE))
     parts = [Section('', described(HardwareNames), '', {'name': name, 'robot': robot})]
     for key, cls in SECTIONS.items():
