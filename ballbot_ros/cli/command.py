@@ -68,8 +68,8 @@ VERBS = {
     'test-bench': ('test_bench', "roll a virtual robot into steps as in the paper's tests"),
     'outcomes': ('outcomes', 'list, export or reset the logged attempts of a robot, or show the '
                  'parameters learned from them'),
-    'new': ('new', 'write a commented template of a file: robot, scene, floor, hardware, '
-            'experiment, gains or margins'),
+    'new': ('new', 'write a commented template of a file: robot, scene, hardware, experiment, '
+            'tuning, floor or decision'),
     'robots': ('listing:ROBOTS', 'list the robots, or print the parameters of one'),
 }
 

@@ -10,7 +10,8 @@ import yaml
 
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.cli import file_kinds
-from ballbot_ros.cli.command import main
+from ballbot_ros.cli.command import main, VERBS
+from ballbot_ros.cli.new import KINDS
 from ballbot_ros.control import ControlTuning, load_tuning
 from ballbot_ros.crossing import max_step_height
 from ballbot_ros.decision import DecisionTuning, load_decision_tuning
@@ -48,6 +49,11 @@ def test_the_template_of_hardware_matches_its_drive(protocol, tmp_path):
     mine = load_hardware(str(path))
     assert mine.connection.protocol == protocol
     assert mine.options().torque_limit > 0.0
+
+
+def test_the_help_of_the_command_lists_the_kinds_of_templates():
+    _, what = VERBS['new']
+    assert all(kind in what for kind in KINDS)
 
 
 def test_a_template_has_the_parameters_of_its_base_robot(tmp_path):
