@@ -65,9 +65,11 @@ DIFFERENCE_MAX = 2.5
 CONTRADICTION_TIME = 0.04
 # The checks apply from this velocity of the joint [rad/s],
 VELOCITY_MIN = 0.5
-# and from this fraction of the largest torque, more than weight and friction oppose at rest, while
-# the encoder does not turn at that velocity in the direction of the torque.
+# and from this fraction of the largest torque, more than weight and friction oppose at rest.
 TORQUE_MIN = 0.5
+# A motor that turns in the direction of its torque may be at its highest speed and deliver none of
+# it, but never the opposite: from `VELOCITY_MIN` this fraction of the torque may be missing.
+MISSING_MAX = 1.0
 
 
 class EncoderReading(NamedTuple):
@@ -192,7 +194,7 @@ NO_INCREMENTS: Increments = (0.0, 0.0, 0.0, 0.0)
 
 @compiled
 def increments_after(sums: Increments, pause: float, latency: float, rates: Interval,
-                     measured: float, smallest: float, applies: bool) -> Increments:
+                     measured: float, smallest: float, missing: float) -> Increments:
     """
     Return the sums after a reading.
 
@@ -209,8 +211,8 @@ def increments_after(sums: Increments, pause: float, latency: float, rates: Inte
         Measured increment per second.
     smallest : float
         Mean expected increment per second from which the comparison applies.
-    applies : bool
-        Whether it applies at all.
+    missing : float
+        Fraction of the expected increments that may be missing.
 
     """
     expected, difference, late, contradicted_for = sums
@@ -222,8 +224,8 @@ def increments_after(sums: Increments, pause: float, latency: float, rates: Inte
     expected = keep * expected + pause * max(least, min(largest, 0.0))
     difference = keep * difference + pause * min(max(error, -limit), limit)
     late = max(keep * late, latency * max(fastest, min(abs(measured), limit)))
-    contradicted = applies and abs(expected) >= smallest * SMOOTHING and \
-        math.copysign(1.0, -expected) * difference >= CONTRADICTED_MIN * abs(expected) + late
+    contradicted = abs(expected) >= smallest * SMOOTHING and math.copysign(
+        1.0, -expected) * difference >= (missing + CONTRADICTED_MIN) * abs(expected) + late
     return expected, difference, late, contradicted_for + pause if contradicted else 0.0
 
 
@@ -258,7 +260,7 @@ class EncoderCheck(NamedTuple):
             velocity = increments_after(
                 self.velocity, pause, latency,
                 (min(last.rate, reading.rate), max(last.rate, reading.rate)), rate, VELOCITY_MIN,
-                True)
+                0.0)
             *_, contradicted_for = velocity
             if contradicted_for >= CONTRADICTION_TIME:
                 raise EstimateLostError(
@@ -281,7 +283,7 @@ class EncoderCheck(NamedTuple):
         after = increments_after(
             self.torque, self.pause, self.latency, last.torques or (last.torque, last.torque),
             torque, TORQUE_MIN * largest_torque,
-            math.copysign(1.0, expected_before) * self.rate < VELOCITY_MIN)
+            0.0 if math.copysign(1.0, expected_before) * self.rate < VELOCITY_MIN else MISSING_MAX)
         expected, difference, _, contradicted_for = after
         if contradicted_for >= CONTRADICTION_TIME:
             raise EstimateLostError(

@@ -121,6 +121,12 @@ def upside_down(robot):
         true, turn_rate=-true.turn_rate, upward=-true.upward)
 
 
+def mounted_backwards(robot):
+    """Rotate the IMU by half a turn about its upward axis."""
+    robot.reading = lambda true: replace(
+        true, turn_rate=-true.turn_rate, forward=-true.forward)
+
+
 def silent_imu(robot):
     """Stop the IMU readings."""
     robot.reading = lambda true: None
@@ -201,7 +207,7 @@ FAULTS = {
     'encoder frozen, its velocity too': frozen(False), 'encoder frozen': frozen(True),
     'encoder reversed': reversed_encoder(False), 'encoder jumps every 0.2 s': jumping_encoder,
     'IMU silent': silent_imu, 'IMU frozen': repeated, 'IMU in degrees per second': in_degrees,
-    'IMU in g': in_g, 'IMU upside down': upside_down,
+    'IMU in g': in_g, 'IMU upside down': upside_down, 'IMU backwards': mounted_backwards,
     'cable unplugged': unplugged, 'no reply arrives': silent_drive,
     'replies 20 ms later every 0.1 s': growing_latency, 'status not confirmed': lost_status,
     'drive trips': tripped_drive, 'drive reboots': rebooted_drive}

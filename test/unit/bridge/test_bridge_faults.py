@@ -6,8 +6,8 @@ import random
 import pytest
 from refusals import refused
 from session_faults import (
-    FAULTS, FORWARD, frozen, hold_up, in_degrees, in_g, loop, loop_late, lost_status, repeated,
-    reversed_encoder, slow_reader, time_to_zero, upside_down)
+    FAULTS, FORWARD, frozen, hold_up, in_degrees, in_g, loop, loop_late, lost_status,
+    mounted_backwards, repeated, reversed_encoder, slow_reader, time_to_zero, upside_down)
 from tiers import pairs, slow
 from virtual_robot import VirtualRobot
 
@@ -77,6 +77,22 @@ def test_steps_and_walls_at_full_torque_cause_no_e_stop():
         loop(robot.ready(), 4.0, set_point)
         assert not robot.session.supervisor.e_stop
         assert max(map(abs, robot.torques)) > 0.9 * robot.hardware.options().torque_limit
+
+
+@pytest.mark.parametrize('speed', [0.05, *slow(-0.1, 0.3)])
+def test_an_imu_that_is_mounted_backwards_engages_the_e_stop_at_any_speed(speed):
+    robot = VirtualRobot(onboard='gentle')
+    mounted_backwards(robot)
+    loop(robot.ready(), 3.0, SetPoint(Mode.SPEED, speed))
+    assert robot.session.supervisor.e_stop.reason is StopReason.JOINT_TORQUE
+    assert max(abs(state.pendulum_angle) for state in robot.history.values()) < 1.6
+
+
+def test_a_motor_near_its_highest_speed_causes_no_e_stop():
+    robot = VirtualRobot(onboard='gentle').ready()
+    loop(robot, 4.0, SetPoint(Mode.HOLD, 1.5))
+    assert not robot.session.supervisor.e_stop
+    assert robot.plant.state.joint_rate > 7.0  # it delivers a part of the requested torque
 
 
 @pytest.mark.parametrize('protocol', [*PROTOCOLS[:2], *slow(*PROTOCOLS[2:])])
