@@ -122,8 +122,7 @@ class Feature(Checked):
     def rise(self) -> float:
         """Return the rise of the floor to the left of the segments, 0 for a bar or ramp [m]."""
         if self.kind in ('carpet', 'level'):
-            area = sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in self.segments)
-            return math.copysign(self.height, self.height * area)
+            return math.copysign(self.height, self.height * signed_area(self.polygon))
         return self.height if self.kind in ('step', 'drop') else 0.0
 
 
@@ -501,6 +500,12 @@ def inside(x: Any, y: Any, polygon: Sequence[Point]) -> Any:
             spans = (y0 <= y) != (y1 <= y)
             result ^= spans & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
     return result
+
+
+def signed_area(polygon: Sequence[Point]) -> float:
+    """Return the area of a polygon [m2], positive if its interior is on the left of its edges."""
+    return 0.5 * sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in zip(
+        polygon, (*polygon[1:], polygon[0])))
 
 
 def _points(given: Any, field: str, least: int) -> Tuple[Point, ...]:

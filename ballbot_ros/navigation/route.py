@@ -22,7 +22,8 @@ from ballbot_ros.decision.planning.ahead import SIGMAS
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import (
-    AREAS, distance_to_segment, Feature, Floor, FREE, Heights, inside, LINES, Point, UNKNOWN)
+    AREAS, distance_to_segment, Feature, Floor, FREE, Heights, inside, LINES, Point, signed_area,
+    UNKNOWN)
 from ballbot_ros.floors.profile import area_height, crossings, crossings_between, passed
 from ballbot_ros.navigation.capability import (
     Capability, CrossingPlan, ROOM_MAX, RUN_UPS)
@@ -161,15 +162,21 @@ class Boundary(NamedTuple):
         [m]
     left, right : float
         Distances that the centre keeps on the left and the right of the line [m].
+    polygon : tuple of (float, float)
+        Outline to which the line belongs [m]; empty without an area.
 
     """
 
     line: Tuple[Point, Point]
     left: float
     right: float
+    polygon: Tuple[Point, ...] = ()
 
     def is_left(self, x: Any, y: Any) -> Any:
         """Return whether positions [m] are on the left of the line; arrays broadcast."""
+        if self.polygon:
+            # Beside an area, a position outside may be on the inner side of an edge's line.
+            return inside(x, y, self.polygon) == (signed_area(self.polygon) > 0.0)
         (x0, y0), (x1, y1) = self.line
         return (x1 - x0) * (y - y0) >= (y1 - y0) * (x - x0)
 
@@ -281,7 +288,8 @@ class RoutePlanner:
         self._walls = self._clear < self.ball_radius + CLEARANCE
         self._close = self._clear < self.ball_radius + CLEARANCE_PREFERRED
         self.boundaries = [
-            [Boundary(line, *(keeps or self._kept(feature))) for line, keeps in parts]
+            [Boundary(line, *(keeps or self._kept(feature)), feature.polygon)
+             for line, keeps in parts]
             for parts, feature in zip(self._parts, self.features)]
         # Cells that the centre must not enter, for each feature.
         self._near: List[NDArray[np.bool_]] = []

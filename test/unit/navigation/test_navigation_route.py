@@ -657,6 +657,20 @@ PODIUM = '{kind: level, polygon: [[2, 0], [4, 0], [4, 4], [2, 4]], height: 0.06}
 PIT = '{kind: level, polygon: [[2, 0], [2, 4], [0, 4], [0, 0]], height: -0.06}'
 
 
+@pytest.mark.parametrize('order', [1, -1])
+def test_the_upper_side_of_a_high_level_is_its_interior_also_beyond_the_ends_of_an_edge(
+        order, tmp_path):
+    outline = [[1, 1], [5, 1], [5, 3], [3, 3], [3, 5], [1, 5]][::order]
+    planner = planner_of(
+        tmp_path, [f'{{kind: level, polygon: {outline}, height: 0.06}}'], (6, 6))
+    for beside in ((0.7, 1.3), (1.3, 0.7), (3.3, 4.8), (3.3, 3.3), (2.0, 2.0)):
+        planner.check_place(beside, 'goal')
+    for above in ((1.3, 1.3), (2.7, 2.7), (4.7, 2.0)):
+        with pytest.raises(RefusedError) as caught:
+            planner.check_place(above, 'goal')
+        assert caught.value.reason == 'feature'
+
+
 @pytest.mark.parametrize('feature', [HIGH, PODIUM, PIT])
 def test_the_upper_side_of_a_high_step_is_a_drop_and_the_lower_side_is_not(feature, tmp_path):
     planner = planner_of(tmp_path, [feature])
