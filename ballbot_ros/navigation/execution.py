@@ -369,19 +369,32 @@ class Navigator:
                         aside=abs(left), next=None, anchor=(0.0, percept.stamp), agreeing=(0, 0))
         if segment.feature is None:
             return state
-        assert segment.crossing is not None
-        if state.alignments < ALIGNMENTS_MAX and not self.planner.aligned(
-                (percept.x, percept.y, percept.heading), segment):
-            turned = math.remainder(percept.heading - segment.heading, 2.0 * math.pi)
-            return self._align(replace(
-                state, alignments=state.alignments + 1,
-                message=f'{left:+.2f} m and {math.degrees(turned):+.0f} degrees off the line of '
-                f'the {segment.feature.label}'), segment, percept)
+        if state.alignments < ALIGNMENTS_MAX and not self._may_cross(state, segment, percept):
+            return self._align(state, segment, percept)
         return replace(state, status=NavStatus.CROSSING, crossing_start=percept.stamp)
+
+    def _may_cross(self, state: NavigationState, crossing: Segment, percept: Percept) -> bool:
+        """Return whether a crossing may start, and its end costs less time than an alignment."""
+        assert state.goal is not None
+        end = self.planner.reached(percept[1:4], crossing)
+        if end is None:
+            return False
+        try:
+            route = self.planner.route(end, state.goal, self.planner.explores)
+        except RefusedError:
+            return False
+        return route.time - (state.remaining - crossing.time) \
+            <= 2.0 * ALIGNING_DISTANCE / BACKWARD_SPEED
 
     def _align(self, state: NavigationState, crossing: Segment, percept: Percept
                ) -> NavigationState:
         """Back off along the line of a crossing and return to its start; without room, replan."""
+        assert state.path is not None and crossing.feature is not None
+        _, aside = state.path.project(percept.x, percept.y, 0.0)
+        turned = math.remainder(percept.heading - crossing.heading, 2.0 * math.pi)
+        state = replace(state, alignments=state.alignments + 1, message=(
+            f'{aside:+.2f} m and {math.degrees(turned):+.0f} degrees off the line of the '
+            f'{crossing.feature.label}'))
         assert state.route is not None
         room = min(self.planner.room_before(crossing), ALIGNING_DISTANCE)
         if room < 0.5 * ALIGNING_DISTANCE:
@@ -544,12 +557,12 @@ class Navigator:
             return self._stop(state, 'off_path', (
                 f'the ball leaves the room behind the {segment.feature.label}')), REST
         if abs(percept.speed) < REST_SPEED_MAX and state.moving > state.crossing_start \
-                and state.along < 0.5 * segment.crossing.run_up:
+                and state.along < 0.5 * segment.crossing.run_up \
+                and state.alignments < ALIGNMENTS_MAX \
+                and self.planner.reached(percept[1:4], segment) is None:
             # The decision has backed off for another attempt, which starts at another pose.
             # Close to the step, a ball with a swinging pendulum is slow, too.
-            entered = self._enter(state, state.index, percept)
-            if entered.status is not NavStatus.CROSSING:
-                return entered, REST
+            return self._align(state, segment, percept), REST
         along, left = path.project(percept.x, percept.y, state.along)
         state = replace(state, along=along)
         if segment.crossing.run_up - along > self._braking.distance(abs(percept.speed), 0.0):

@@ -178,8 +178,8 @@ class Problem(NamedTuple):
         Start and end states of the crossings, sorted by start.
     arc_times, arc_levels : (m,) arrays
         Time [s] and risk level of each crossing.
-    aligned : (m,) array of bool
-        Whether each crossing can start at the pose of the ball, if it leads from a start state.
+    first_ends : (m,) array of int64
+        End states of the crossings that start at the pose of the ball; negative if one cannot.
     leaving : (2,) array of bool
         Whether the first motion may lead forward, and backward.
     most_level : int
@@ -198,7 +198,7 @@ class Problem(NamedTuple):
     arc_ends: NDArray[np.int64]
     arc_times: NDArray[np.float64]
     arc_levels: NDArray[np.int64]
-    aligned: NDArray[np.bool_]
+    first_ends: NDArray[np.int64]
     leaving: NDArray[np.bool_]
     most_level: int
 
@@ -451,14 +451,14 @@ def expand(problem: Problem, tree: SearchTree, newest: NDArray[np.int32]) -> int
     cost must be lower by a reversal.  `newest` has the newest node of each state, initially -1.
     """
     (starts, start_costs, goal_cell, goal_heading, slowness, heuristic, primitive, reversal,
-     arc_starts, arc_ends, arc_times, arc_levels, aligned, leaving, most_level) = problem
+     arc_starts, arc_ends, arc_times, arc_levels, first_ends, leaving, most_level) = problem
     ends, cells, sides, times = primitive
     states, parents, moves, levels, older, backward, closed, costs, heap_costs, heap_nodes = tree
     per = len(times) // 16
     size = len(starts)
     if size > len(states):
         return FULL
-    # A start excludes no other path to its state: not all crossings there are aligned with it.
+    # A start excludes no other path to its state: from there, crossings lead to other states.
     for node in range(size):
         states[node], costs[node], closed[node] = starts[node], start_costs[node], False
         parents[node], moves[node], levels[node], backward[node] = -1, -1, 0, False
@@ -502,9 +502,11 @@ def expand(problem: Problem, tree: SearchTree, newest: NDArray[np.int32]) -> int
             else:
                 arc = first + item - per
                 new_level = level + arc_levels[arc]
-                if new_level > most_level or parents[expanded] < 0 and not aligned[arc]:
-                    continue
                 target, cost, move = arc_ends[arc], base + arc_times[arc], -2 - arc
+                if parents[expanded] < 0:
+                    target = first_ends[arc]
+                if new_level > most_level or target < 0:
+                    continue
             cost_to_goal = cost + heuristic[target]
             if cost_to_goal == math.inf:
                 continue

@@ -223,6 +223,8 @@ class RoutePlanner:
         Cells of the floor that are free, and on which the ball can stand.
     ball_radius : float
         [m]
+    explores : bool
+        Whether the latest route was planned with `explore`, see `route`.
     drop_distance : float
         Distance of the centre from drops: radius plus stopping distance at cruise speed [m].
 
@@ -387,7 +389,7 @@ class RoutePlanner:
 
     def _offer(self, explore: bool) -> None:
         """Compute the crossings of all features whose data or surroundings have changed."""
-        self._explores, measured = explore, dict(self.learned.heights)
+        self.explores, measured = explore, dict(self.learned.heights)
         # Features with the heights for which crossings are planned.
         self._assumed = [
             replace(feature, height=math.copysign(FACE_HEIGHT_MIN, feature.height))
@@ -480,6 +482,11 @@ class RoutePlanner:
         column = min(max(math.floor((point[0] - self._origin[0]) / self._size), 0), columns - 1)
         return int(row * columns + column)
 
+    def _state(self, pose: Sequence[float]) -> int:
+        """Return the state nearest to a pose."""
+        return self._node(pose) * COUNT + min(range(COUNT), key=lambda item: abs(
+            math.remainder(HEADINGS[item] - pose[2], 2.0 * math.pi)))
+
     def _point(self, node: int) -> Point:
         row, column = divmod(node, self._walls.shape[1])
         return float(self._x[0, column]), float(self._y[row, 0])
@@ -515,9 +522,10 @@ class RoutePlanner:
         found: NDArray[np.bool_] = np.logical_or.reduce(near)
         return found
 
-    def aligned(self, pose: Sequence[float], segment: Segment) -> bool:
+    def reached(self, pose: Sequence[float], segment: Segment
+                ) -> Optional[Tuple[float, float, float]]:
         """
-        Return whether a crossing may start at a pose.
+        Return the pose at the end of a crossing that starts at another pose than planned.
 
         Parameters
         ----------
@@ -528,10 +536,11 @@ class RoutePlanner:
 
         Returns
         -------
-        bool
-            Whether the floor is free for the ball, steered on the run-up and going straight from
-            there, and the capability contains a crossing at its angle to the edge.  A ball that
-            is closer to a wall than the clearance must not get closer.
+        (float, float, float) or None
+            Position [m] and heading [rad] of the ball, steered on the run-up and going straight
+            from there.  None if the floor is not free on that path, or if the capability contains
+            no crossing at its angle to the edge.  A ball that is closer to a wall than the
+            clearance must not get closer.
 
         """
         assert segment.crossing is not None
@@ -554,8 +563,9 @@ class RoutePlanner:
                 if free > distance - driven - SAMPLE_DISTANCE and any(self._capability.crossing(
                         faces, feature.height_sd, item, free - at - 0.5 * faces[-1][0])
                         for item in RUN_UPS if item <= run_up):
-                    return True
-        return False
+                    rest = distance - driven
+                    return x + rest * way[0], y + rest * way[1], course + turned
+        return None
 
     def _along(self, number: int, edge: Boundary, heading: int, sign: int,
                angle: float, barriers: NDArray[np.bool_]) -> List[_Arc]:
@@ -766,23 +776,24 @@ class RoutePlanner:
 
         """
         self.check_place(goal, 'goal')
-        if explore != self._explores:
+        if explore != self.explores:
             self._offer(explore)
         ways = self.leaving(start) or (1, -1)
         states, costs, slowness = self._starts(start, ways)
         last = self._node(goal)
-        heading = -1 if len(goal) < 3 else min(range(COUNT), key=lambda item: abs(
-            math.remainder(HEADINGS[item] - goal[2], 2.0 * math.pi)))
+        heading = -1 if len(goal) < 3 else self._state(goal) % COUNT
         far = self._far(last, heading, slowness, states)
-        aligned = np.isin(self._arc_arrays[0], states)
-        for item in np.flatnonzero(aligned if len(start) > 2 else []):
-            aligned[item] = self.aligned(start, self._offered[item].segment)
+        ends = self._arc_arrays[1].copy()
+        for item in np.flatnonzero(np.isin(self._arc_arrays[0], states)
+                                   if len(start) > 2 else []):
+            end = self.reached(start, self._offered[item].segment)
+            ends[item] = -1 if end is None else self._state(end)
         leaving = np.array([1 in ways, -1 in ways])
-        time, path = self._find(states, costs, last, heading, slowness, far, aligned, leaving)
+        time, path = self._find(states, costs, last, heading, slowness, far, ends, leaving)
         if not math.isfinite(time):
             # Each offered crossing has the required probability, but their product may not.
             time, path = self._find(
-                states, costs, last, heading, slowness, far, aligned, leaving, LEVELS**2)
+                states, costs, last, heading, slowness, far, ends, leaving, LEVELS**2)
             if not math.isfinite(time):
                 self._refuse(*self._shortest(start, last),
                              bool(np.isfinite(far[states]).any()))
@@ -825,21 +836,22 @@ class RoutePlanner:
         state = np.zeros(1, np.int64)
         self._find(state, np.zeros(1), 0, -1, self._slowness,
                    self._far(0, -1, self._slowness, state),
-                   np.zeros(len(self._offered), bool), np.ones(2, bool))
+                   self._arc_arrays[1], np.ones(2, bool))
 
     def _find(self, states: NDArray[np.int64], costs: NDArray[np.float64], last: int, heading: int,
               slowness: NDArray[np.float64], far: NDArray[np.float64],
-              aligned: NDArray[np.bool_], leaving: NDArray[np.bool_], most_level: int = LEVELS
+              ends: NDArray[np.int64], leaving: NDArray[np.bool_], most_level: int = LEVELS
               ) -> Tuple[float, List[Tuple[int, int]]]:
         """
         Search from states with their costs to a cell.
 
-        `far` contains lower bounds of the times to the cell, see `_far`.  At the start, crossings
-        that are not `aligned` and motions in directions that are not `leaving` are excluded.
+        `far` contains lower bounds of the times to the cell, see `_far`.  From the start,
+        crossings lead to the states `ends` or, if these are negative, are excluded, as are
+        motions in directions that are not `leaving`.
         """
         return self._tree.find(Problem(
             states, costs, last, heading, slowness.ravel(), HEURISTIC_FACTOR * far, self._moves,
-            REVERSAL_TIME, *self._arc_arrays, aligned, leaving, most_level))
+            REVERSAL_TIME, *self._arc_arrays, ends, leaving, most_level))
 
     def _refuse(self, shortest: float, passed: List[_Passage], point_gets_there: bool) -> None:
         if not math.isfinite(shortest):

@@ -463,17 +463,37 @@ def test_a_deviation_triggers_replanning_if_the_ball_would_come_too_close_to_a_w
     assert ball.state.status is (NavStatus.STOPPING if reason else NavStatus.DRIVING)
 
 
-@pytest.mark.parametrize(('degrees', 'aligned'), [(0.0, True), (-20.0, True), (50.0, False)])
+@pytest.mark.parametrize(('degrees', 'starts'), [(0.0, True), (-20.0, True), (50.0, False)])
 def test_planner_and_navigator_agree_whether_a_crossing_can_start_at_a_pose(
-        navigator, planner, degrees, aligned):
+        navigator, planner, degrees, starts):
     route = planner.route((*KITCHEN, 1.57), BEDROOM)
     index = next(index for index, segment in enumerate(route.segments) if segment.feature)
     segment = route.segments[index]
     pose = *segment.points[0], segment.heading + math.radians(degrees)
-    assert planner.aligned(pose, segment) is aligned
+    assert (planner.reached(pose, segment) is not None) is starts
     entered = navigator._enter(
         NavigationState(route=route, goal=BEDROOM), index, Percept(0.0, *pose, 0.0))
-    assert (entered.status is NavStatus.CROSSING) is aligned
+    assert (entered.status is NavStatus.CROSSING) is starts
+
+
+@pytest.mark.parametrize(('degrees', 'starts'), [
+    (0.0, True), (-6.0, True), (10.0, False), (-16.0, False)])
+def test_a_crossing_starts_only_if_a_route_leads_on_from_its_end(degrees, starts, tmp_path):
+    """On a small platform before a door, the ball cannot turn beside the line of the door."""
+    path = tmp_path / 'floor.yaml'
+    path.write_text(
+        'walls: {size: [2.5, 4.4], lines: [[[0, 2.6], [0.7, 2.6]], [[1.8, 2.6], [2.5, 2.6]]]}\n'
+        'features: [{kind: level, height: 0.0245, '
+        'polygon: [[0.75, 1.4], [1.75, 1.4], [1.75, 2.25], [0.75, 2.25]]}]')
+    planner, goal = RoutePlanner(load_floor(path), KNOWLEDGE), (1.2, 3.5)
+    route = planner.route((1.2, 0.95, 0.5 * math.pi), goal)
+    index, segment = next(item for item in enumerate(route.segments) if item[1].feature)
+    pose = *segment.points[0], segment.heading + math.radians(degrees)
+    assert planner.reached(pose, segment) is not None
+    entered = Navigator(planner, KNOWLEDGE)._enter(
+        NavigationState(route=route, goal=goal), index, Percept(0.0, *pose, 0.0))
+    assert (entered.status is NavStatus.CROSSING) is starts
+    assert (planner.route(pose, goal).segments[0].feature is not None) is starts
 
 
 def test_a_ball_closer_to_a_wall_than_the_clearance_crosses_only_away_from_it(planner):
@@ -482,8 +502,8 @@ def test_a_ball_closer_to_a_wall_than_the_clearance_crosses_only_away_from_it(pl
                     if item.feature and item.feature.kind == 'cord')
     assert planner._clear.flat[planner._node(place)] < planner.ball_radius + CLEARANCE
     for turned, free in ((-0.1, True), (0.1, False)):
-        assert planner.aligned(
-            (*place, turned), crossing._replace(points=(place, (3.4, 3.7)), heading=0.0)) is free
+        assert (planner.reached((*place, turned), crossing._replace(
+            points=(place, (3.4, 3.7)), heading=0.0)) is not None) is free
 
 
 @pytest.mark.parametrize(('turned', 'stops'), [(-0.5, True), (0.5, False)])

@@ -151,7 +151,7 @@ def test_planned_crossings_tolerate_errors_of_the_heading(flat, degrees):
     segments = flat.route(KITCHEN, BEDROOM).segments
     for segment in (item for item in segments if item.feature):
         pose = *segment.points[0], segment.heading + math.radians(degrees)
-        assert flat.aligned(pose, segment)
+        assert flat.reached(pose, segment) is not None
 
 
 def test_the_time_of_a_crossing_contains_that_of_further_attempts(flat):
@@ -207,7 +207,7 @@ def test_the_height_of_a_step_limits_the_angle_at_the_start_of_its_crossing(
     segments = planner.route((0.8, 2.0), (3.3, 2.0)).segments
     segment = next(item for item in segments if item.feature)
     pose = *segment.points[0], segment.heading + math.radians(degrees)
-    assert planner.aligned(pose, segment) is aligned
+    assert (planner.reached(pose, segment) is not None) is aligned
 
 
 @settings(max_examples=25, deadline=None)
