@@ -769,8 +769,8 @@ class RoutePlanner:
         ------
         RefusedError
             If start or goal is refused, see `check_place`.  With the reason ``'no_route'`` if no
-            route exists; the message lists the crossings on the shortest path, and why each is
-            excluded, or the run-up and room of each if the ball cannot turn between them.  With
+            route exists; the message lists the crossings on the shortest path that are excluded,
+            and what each lacks, or all of them if the ball cannot turn between them.  With
             ``'improbable'`` if only the product of the probabilities of the crossings is below
             the required one.
 
@@ -864,9 +864,11 @@ class RoutePlanner:
                 'no_route', 'goal')
         lacks = [self._lack(item) for item in passed if not self._is_crossable(item)]
         if point_gets_there or not lacks:
+            places = ', '.join(dict.fromkeys(
+                ['start', *(self._described(item.number) for item in passed)]))
             raise RefusedError('; '.join([
-                'no route: the ball cannot turn in the available space',
-                *map(self._lack, passed)]), 'no_route', 'goal')
+                f'no route: the ball cannot turn in the space between {places} and goal',
+                *lacks]), 'no_route', 'goal')
         lacks += [
             f'the {feature.label} is steeper than {math.degrees(self._steepest):.1f} degrees'
             for feature in self.features if feature.kind == 'ramp' and self.is_closed(feature)]
@@ -1014,16 +1016,19 @@ class RoutePlanner:
         return passage in self._limits and self._limits[passage].easiest is not None
 
     def _lack(self, passage: _Passage) -> str:
-        """Return the run-up and the room that crossing an edge takes, and those of the floor."""
+        """Return what crossing an edge takes and the floor lacks: run-up, room, or both."""
         limit, label = self._limits.get(passage), self._described(passage.number)
         easiest = None if limit is None else limit.easiest or next(self._choices(
             passage.number, passage.sign, limit.faces, CROSSING_LENGTH_MAX, CROSSING_LENGTH_MAX),
             None)
         if limit is None or easiest is None:
             return f'{label} cannot be crossed with the required probability'
-        return (f'crossing {label} takes {easiest.run_up:.2f} m of run-up and '
-                f'{easiest.room:.2f} m of room behind it; {limit.run_up:.2f} m and '
-                f'{limit.room:.2f} m are available')
+        lacks = [f'{taken:.2f} m of {what}, but {given:.2f} m is available'
+                 for what, taken, given in (('run-up', easiest.run_up, limit.run_up),
+                                            ('room behind it', easiest.room, limit.room))
+                 if given < taken]
+        return f'crossing {label} takes ' + ' and '.join(
+            lacks or ['a free position to stop behind it'])
 
     def _described(self, number: int) -> str:
         """Return the name of a feature with its height."""

@@ -649,7 +649,21 @@ def test_a_refusal_names_the_door_before_which_the_ball_cannot_turn(tmp_path):
         (4, 5), '[[[0, 2], [1.5, 2]], [[2.5, 2], [4, 2]]]')
     with pytest.raises(RefusedError) as refusal:
         planner.route((2.0, 4.2), (2.0, 0.8))
-    assert 'cannot turn' in str(refusal.value) and 'm of run-up' in str(refusal.value)
+    assert 'cannot turn in the space between start, ' in str(refusal.value)
+    # The run-up before the door and the room behind it are sufficient.
+    assert 'door' in str(refusal.value) and 'run-up' not in str(refusal.value)
+
+
+@pytest.mark.parametrize(('edge', 'start', 'goal', 'lacks', 'suffices'), [
+    (0.9, (0.45, 2.0), (4.0, 2.0), 'run-up', 'room'),
+    (4.2, (1.0, 2.0), (4.6, 2.0), 'room behind it', 'run-up')])
+def test_a_refusal_names_only_what_a_crossing_lacks(
+        edge, start, goal, lacks, suffices, tmp_path):
+    planner = planner_of(
+        tmp_path, [f'{{kind: step, line: [[{edge}, 4], [{edge}, 0]], height: 0.03}}'], (5, 4))
+    with pytest.raises(RefusedError) as refusal:
+        planner.route(start, goal)
+    assert f'm of {lacks}, but ' in str(refusal.value) and suffices not in str(refusal.value)
 
 
 HIGH = '{kind: step, line: [[2.0, 4.0], [2.0, 0.0]], height: 0.06}'
@@ -814,7 +828,7 @@ def test_a_refusal_names_the_room_behind_the_edge_on_the_shortest_path(tmp_path)
         (5, 4))
     with pytest.raises(RefusedError) as refusal:
         planner.route((0.7, 2.0), (3.35, 2.0))
-    room = float(re.findall(r'm and ([0-9.]+) m are available', str(refusal.value))[-1])
+    room = float(re.findall(r'room behind it, but ([0-9.]+) m', str(refusal.value))[-1])
     assert room < 4.0 - planner.drop_distance - 3.0 + 0.1
 
 
