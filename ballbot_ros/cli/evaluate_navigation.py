@@ -21,6 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--planners', default='run_up,wall,free', metavar='NAME,...',
                         help='run_up, wall (each step is a wall) and free (each step is free '
                         'floor) (default: %(default)s)')
+    options.add_number(parser, '--only', 'N', count(
+        'drive to goal N only, with the first planner, and print the result', default=None))
     options.add_seed(parser, 'the draw of all houses')
     options.add_workers(parser)
     parser.add_argument('--out', type=Path, default=Path(NAME), metavar='DIR',
@@ -39,6 +41,10 @@ def run(arguments: argparse.Namespace) -> int:
     evaluation = NavigationEvaluation(tuple(
         (name, arguments.compared if place else arguments.goals)
         for place, name in enumerate(names)), arguments.seed)
+    if arguments.only is not None:
+        row, = run_block(evaluation, names[0], arguments.only, arguments.only + 1)
+        print(json.dumps(row, indent=1))
+        return DONE
     check_writable(arguments.out / f'{NAME}.md')
     start = perf_counter()
     with resumable(arguments.out), \
@@ -52,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     write_text(json.dumps(figures, indent=1), arguments.out / f'{NAME}.json')
     command = (f'ballbot evaluate-navigation --goals {arguments.goals} --compared '
                f'{arguments.compared} --planners {arguments.planners} --seed {arguments.seed}')
-    content = page(figures, command)
+    content = page(figures, arguments.seed, command)
     write_text(content, arguments.out / f'{NAME}.md')
     if not arguments.quiet:
         print(content)

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The report as a page in Markdown, and as a few lines."""
 import textwrap
-from typing import Any, Dict, List, Mapping, Sequence
+from typing import Any, Dict, List, Mapping
 
 from ballbot_ros.studies.evaluation.approaches import UNSEEN_ROOM
 from ballbot_ros.studies.evaluation.report import BAD, GOOD, LISTED
 from ballbot_ros.studies.evaluation.terrains import KINDS
+from ballbot_ros.studies.targets import table_of_targets
 from ballbot_ros.table import markdown
 
 Report = Dict[str, Any]
@@ -42,17 +43,6 @@ the nominal robot file. `ballbot_ros/studies/evaluation/outcome.py` defines the 
 
 *Drawn by `ballbot evaluate-decision`.*
 """
-
-
-def mark(met: Any) -> str:
-    """Return whether a target is met, as a word."""
-    return '-' if met is None else 'met' if met else '**missed**'
-
-
-def table_of_targets(lines: Sequence[Dict[str, Any]]) -> List[str]:
-    """Return the table of the figures and their targets."""
-    return markdown(('figure', 'target', 'found', ''), (
-        (line['figure'], line['target'], line['found'], mark(line['met'])) for line in lines))
 
 
 def table_of_planners(planners: Mapping[str, Any]) -> List[str]:

@@ -2,7 +2,7 @@
 """Counts of the outcomes of approaches, and their comparison with the targets."""
 from collections import Counter
 import math
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Sequence, Tuple
 
 import numpy as np
 from scipy.special import betaincinv
@@ -10,6 +10,7 @@ from scipy.special import betaincinv
 from ballbot_ros.studies.evaluation.evaluation import Evaluation, Row
 from ballbot_ros.studies.evaluation.outcome import OUTCOMES
 from ballbot_ros.studies.evaluation.sensors import KINDS as SENSORS
+from ballbot_ros.studies.targets import target
 
 GENTLE = math.radians(3.0)  # slopes on which no fall is allowed
 PROBABILITY_TOLERANCE = 0.02  # of a predicted probability
@@ -43,11 +44,6 @@ def success(rows: Sequence[Row], low: float, high: float) -> Dict[str, Any]:
         found['observed'] = over / total
         found['interval'] = interval(over, total)
     return found
-
-
-def target(name: str, wanted: str, found: str, met: Optional[bool]) -> Dict[str, Any]:
-    """Return a line of the table of targets; `met` is None if nothing was measured."""
-    return {'figure': name, 'target': wanted, 'found': found, 'met': met}
 
 
 def gentle_falls(rows: Sequence[Row]) -> List[Row]:

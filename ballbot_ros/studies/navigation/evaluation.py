@@ -25,6 +25,7 @@ from ballbot_ros.studies.navigation.closed_loop import FloorLoop
 from ballbot_ros.studies.navigation.houses import draw_house, House
 from ballbot_ros.studies.parallel_map import checkpointed_rows, source_digest
 from ballbot_ros.studies.progress import ignore, Progress
+from ballbot_ros.studies.targets import table_of_targets, target
 from ballbot_ros.table import markdown
 
 PLANNERS = ('run_up', 'wall', 'free')
@@ -33,6 +34,31 @@ DRIVE_TIME_MAX = 400.0  # of a drive [s]
 CONTACT = 0.003  # distance at which the ball touches a wall [m]
 HIT = 0.1  # slowest contact with a wall that is counted [m/s]
 GOAL_DISTANCE = 0.3  # largest distance from the goal at the end [m]
+RIGHT, HITS, RATIO = 0.99, 1e-3, 1.25  # targets; hits per goal
+
+INTRODUCTION = """\
+# Evaluation of the navigation in closed loop
+
+This command writes the page and resumes an interrupted run; do not edit the page:
+
+```
+{command}
+```
+
+A goal took {cpu:.1f} s of processor time on average. `--planners {first} --seed {seed} --only n`
+drives to goal number n and prints its result.
+
+Each goal is in a random house: a hall with rooms on both sides, whose doors have a step, a
+threshold or nothing; half of the rooms have a carpet, a cord, a platform, a ramp to a platform,
+or a lower level; a quarter of the houses have stairs without a guard. The map has wrong heights
+(standard deviation 2 mm, and 8 % of them up to 20 mm), and lacks an obstacle in 15 % of the
+rooms. The robot is drawn from the ranges of its file; the localisation drifts by up to 3 cm and
+0.015 rad (standard deviations), and terrain heights and laser ranges have noise of up to 2 and
+15 mm. The navigator assumes the nominal robot file. The planner `run_up` is that of the
+navigator; `wall` treats each step as a wall, and `free` as free floor. A result is right if the
+ball arrives, or if it does not arrive and a plan with perfect knowledge of the floor does not
+exist.
+"""
 
 Row = Dict[str, Any]
 
@@ -142,7 +168,7 @@ def run_evaluation(evaluation: NavigationEvaluation, folder: Path, pool: Executo
 
 def report(rows: Sequence[Row]) -> Dict[str, Dict[str, Any]]:
     """
-    Return the figures of each planner.
+    Return the figures of each planner; the targets apply to the first one.
 
     ``right`` counts arrivals, and failures to arrive at goals to which no route exists even with
     perfect knowledge of the floor.
@@ -168,11 +194,30 @@ def report(rows: Sequence[Row]) -> Dict[str, Dict[str, Any]]:
     return found
 
 
-def page(figures: Dict[str, Dict[str, Any]], command: str) -> str:
+def page(figures: Dict[str, Dict[str, Any]], seed: int, command: str) -> str:
+    """Return the report as Markdown, with the command that writes it."""
     titles = ('planner', 'goals', 'arrived', 'no route, reported', 'right', 'falls',
               f'hits above {HIT:g} m/s', 'crossings', 'median time / plan')
-    return '\n'.join([f'`{command}`', '', *markdown(titles, (
-        (planner, one['goals'], one['arrived'], one['impossible'],
-         f'{100.0 * one["right"] / one["goals"]:.1f} %', one['falls'], one['hits'],
-         one['crossings'], '' if one['time_ratio'] is None else f'{one["time_ratio"]:.2f}')
-        for planner, one in figures.items())), ''])
+    first, one = next(iter(figures.items()))
+    part, ratio = one['right'] / one['goals'], one['time_ratio']
+    lines = [
+        target('arrives, or correctly reports that it cannot', '99 %',
+               f'{100.0 * part:.1f} %, {one["right"]} of {one["goals"]}', part >= RIGHT),
+        target('falls', '0', str(one['falls']), not one['falls']),
+        target(f'hits above {HIT:g} m/s', '1 in 1,000', f'{one["hits"]} of {one["goals"]}',
+               one['hits'] <= HITS * one['goals']),
+        target('median time over that of the plan with perfect knowledge', '1.25',
+               'not measured' if ratio is None else f'{ratio:.2f}',
+               None if ratio is None else ratio <= RATIO)]
+    return '\n'.join([
+        INTRODUCTION.format(
+            command=command, first=first, seed=seed, cpu=one['cpu_s'] / one['goals']),
+        f'## Targets, with `{first}`\n', *table_of_targets(lines), '',
+        '## Planners\n', *markdown(titles, (
+            (planner, one['goals'], one['arrived'], one['impossible'],
+             f'{100.0 * one["right"] / one["goals"]:.1f} %', one['falls'], one['hits'],
+             one['crossings'], '-' if one['time_ratio'] is None else f'{one["time_ratio"]:.2f}')
+            for planner, one in figures.items())), '',
+        f'## Wrong results of `{first}`\n', *([
+            f'* {number}: {outcome}: {message}' for number, outcome, _, message in one['wrong']]
+            or ['None.']), ''])

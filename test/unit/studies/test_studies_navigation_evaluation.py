@@ -9,7 +9,7 @@ import pytest
 from ballbot_ros.decision import nominal_knowledge
 from ballbot_ros.studies.navigation import evaluation
 from ballbot_ros.studies.navigation.evaluation import (
-    drive, NavigationEvaluation, report, run_evaluation)
+    drive, NavigationEvaluation, page, report, run_evaluation)
 from ballbot_ros.studies.navigation.houses import draw_house
 
 
@@ -48,6 +48,18 @@ def test_the_report_counts_arrivals_and_correct_refusals():
     assert (figures['arrived'], figures['impossible'], figures['right']) == (2, 1, 3)
     assert (figures['hits'], figures['falls'], figures['time_ratio']) == (1, 1, 1.6)
     assert [item[0] for item in figures['wrong']] == [2, 3]
+
+
+def test_the_page_marks_missed_targets_and_lists_wrong_results():
+    rows = [row('run_up', number) for number in range(100)]
+    rows.append(row('run_up', 100, outcome='failed', message='no way through the hall'))
+    text = page(report([*rows, row('wall', 0)]), 7, 'ballbot evaluate-navigation --seed 7')
+    assert '| 99 % | 99.0 %, 100 of 101 | met |' in text and '**missed**' not in text
+    assert '* 100: failed: no way through the hall' in text and '| wall | 1 | 1 |' in text
+    rows.append(row('run_up', 101, hit=0.2, outcome='failed'))
+    text = page(report(rows), 7, 'ballbot evaluate-navigation --seed 7')
+    assert '| 98.0 %, 100 of 102 | **missed** |' in text
+    assert '| 1 in 1,000 | 1 of 102 | **missed** |' in text
 
 
 def test_an_interrupted_evaluation_resumes(tmp_path, monkeypatch):
