@@ -324,6 +324,9 @@ class CrossGoal(Goal):
     def _constrain(self, planned: Decision, motion: Motion) -> Decision:
         if self._finds_none(planned):
             return stopping(planned, 'Standing: no step is in sight')
+        if planned.kind is Kind.CROSS and self._edge is not None \
+                and motion.position >= self._edge[0] and planned.step != self._edge[1]:
+            return stopping(planned, 'Stopping between two steps')
         return planned
 
     def _finds_none(self, planned: Decision) -> bool:
@@ -345,14 +348,17 @@ class CrossGoal(Goal):
 
     def _note(self, planned: Decision, motion: Motion, outcome: Optional[Outcome]) -> None:
         """Update the step, and the phase of its crossing."""
+        # Before its edge, the step may get another number; behind it, decisions refer to the next.
+        if planned.kind is Kind.CROSS and (
+                self._edge is None or motion.position < self._edge[0]
+                or self._edge[1] == planned.step):
+            self._edge = planned.last_edge(motion.position), planned.step
         if planned.step and not math.isnan(planned.height) and self._end is None \
                 and (self._edge is None or self._edge[1] == planned.step):
-            self.height = planned.height  # behind the step, decisions refer to the next one
-        if planned.kind is Kind.CROSS and (
-                self._edge is None or self._edge[1] == planned.step):
-            self._edge = planned.last_edge(motion.position), planned.step
+            self.height = planned.height
         over = outcome is not None and outcome.crossed
-        past = self._edge is not None and motion.position > self._edge[0] + ROOM_BEHIND_EDGE_MIN \
+        behind = -math.inf if self._edge is None else motion.position - self._edge[0]
+        past = (behind > ROOM_BEHIND_EDGE_MIN or behind > 0.0 and self._rests(motion)) \
             and not (planned.kind is Kind.CROSS and planned.step == self._edge[1])
         if (over or past) and self._end is None:
             self._end = GoalEnd(

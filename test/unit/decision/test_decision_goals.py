@@ -183,6 +183,24 @@ def test_a_goal_reports_its_own_step_and_not_the_one_behind_it():
     assert goal.height == 0.012
 
 
+def test_a_goal_stops_behind_its_step_although_a_plan_crosses_the_next_one():
+    goals = Goals()
+    goals.begin(CrossGoal(START, 0.0))
+    first = Decision(Kind.CROSS, Reason.LIKELY, 0.4, 'cross', height=-0.012, distance=1.0, step=1)
+    renumbered = replace(first, distance=0.5, step=2)
+    following = replace(first, distance=0.7, height=0.009, step=3)
+    for stamp, position, planned, kind in ((0.1, 0.0, first, Kind.CROSS),
+                                           (1.0, 0.5, renumbered, Kind.CROSS),
+                                           (3.0, 1.2, following, Kind.STOP)):
+        motion = Motion(stamp, position, 0.4)
+        assert goals.constrain(planned, motion).kind is kind
+        assert goals.update(planned, motion, None) is None
+    ends = [goals.update(following, Motion(3.1 + 0.1 * number, 1.3, 0.0), None)
+            for number in range(10)]
+    end = next(filter(None, ends))
+    assert end.ending is Ending.CROSSED and end.message == 'over the step of -12 mm'
+
+
 @pytest.mark.parametrize('stop', [lambda goals: goals.goal.cancel(), lambda goals: goals.end()])
 def test_a_stop_continues_a_committed_crossing_but_starts_none(stop):
     likely = Decision(Kind.CROSS, Reason.LIKELY, 0.6, 'cross', height=0.012, distance=1.0, step=1)
