@@ -357,8 +357,8 @@ class CrossGoal(Goal):
                 and (self._edge is None or self._edge[1] == planned.step):
             self.height = planned.height
         over = outcome is not None and outcome.crossed
-        behind = -math.inf if self._edge is None else motion.position - self._edge[0]
-        past = (behind > ROOM_BEHIND_EDGE_MIN or behind > 0.0 and self._rests(motion)) \
+        room = 0.0 if self._rests(motion) else ROOM_BEHIND_EDGE_MIN
+        past = self._edge is not None and motion.position > self._edge[0] + room \
             and not (planned.kind is Kind.CROSS and planned.step == self._edge[1])
         if (over or past) and self._end is None:
             self._end = GoalEnd(
