@@ -324,10 +324,18 @@ class CrossGoal(Goal):
     def _constrain(self, planned: Decision, motion: Motion) -> Decision:
         if self._finds_none(planned):
             return stopping(planned, 'Standing: no step is in sight')
-        if planned.kind is Kind.CROSS and self._edge is not None \
-                and motion.position >= self._edge[0] and planned.step != self._edge[1]:
+        if self._crosses_next(planned, motion):
             return stopping(planned, 'Stopping between two steps')
         return planned
+
+    def _crosses_next(self, planned: Decision, motion: Motion) -> bool:
+        """
+        Return whether a decision crosses another step, behind that of the goal.
+
+        Before its edge, the step may get another number.
+        """
+        return planned.kind is Kind.CROSS and self._edge is not None \
+            and motion.position >= self._edge[0] and planned.step != self._edge[1]
 
     def _finds_none(self, planned: Decision) -> bool:
         return self._edge is None and planned.kind is Kind.CLEAR and planned.step == 0
@@ -348,10 +356,7 @@ class CrossGoal(Goal):
 
     def _note(self, planned: Decision, motion: Motion, outcome: Optional[Outcome]) -> None:
         """Update the step, and the phase of its crossing."""
-        # Before its edge, the step may get another number; behind it, decisions refer to the next.
-        if planned.kind is Kind.CROSS and (
-                self._edge is None or motion.position < self._edge[0]
-                or self._edge[1] == planned.step):
+        if planned.kind is Kind.CROSS and not self._crosses_next(planned, motion):
             self._edge = planned.last_edge(motion.position), planned.step
         if planned.step and not math.isnan(planned.height) and self._end is None \
                 and (self._edge is None or self._edge[1] == planned.step):
