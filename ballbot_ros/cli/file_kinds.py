@@ -105,9 +105,10 @@ def hardware_file(name: str, robot: str = 'gimball', protocol: str = 'odrive') -
     """
     check_choice('--protocol', protocol, sorted(DRIVES))
     shipped = [load_hardware(path.stem) for path in shipped_files('hardware')]
-    new = replace(shipped[0], drive={}, connection=replace(
-        shipped[0].connection, protocol=protocol, baud=max(driver_class(protocol).baud_rates)))
-    known = next((item for item in shipped if item.connection.protocol == protocol), new)
+    known = next((item for item in shipped if item.connection.protocol == protocol), None) \
+        or replace(shipped[0], drive={}, connection=replace(
+            shipped[0].connection, protocol=protocol,
+            baud=max(driver_class(protocol).baud_rates)))
     own = described(driver_class(protocol).Options, tuple(SET_ELSEWHERE))
     parts = [Section('', described(HardwareNames), '', {'name': name, 'robot': robot})]
     for key, cls in SECTIONS.items():
