@@ -21,6 +21,7 @@ from ballbot_ros.floors.floor import inside
 from ballbot_ros.navigation import Capability, CrossingPlan, RoutePlanner
 from ballbot_ros.navigation.execution import Navigator
 from ballbot_ros.results.digests import digest
+from ballbot_ros.studies.navigation import houses
 from ballbot_ros.studies.navigation.closed_loop import FloorLoop
 from ballbot_ros.studies.navigation.houses import draw_house, House
 from ballbot_ros.studies.parallel_map import checkpointed_rows, source_digest
@@ -49,15 +50,16 @@ A goal took {cpu:.1f} s of processor time on average. `--planners {first} --seed
 drives to goal number n and prints its result.
 
 Each goal is in a random house: a hall with rooms on both sides, whose doors have a step, a
-threshold or nothing; half of the rooms have a carpet, a cord, a platform, a ramp to a platform,
-or a lower level; a quarter of the houses have stairs without a guard. The map has wrong heights
-(standard deviation 2 mm, and 8 % of them up to 20 mm), and lacks an obstacle in 15 % of the
-rooms. The robot is drawn from the ranges of its file; the localisation drifts by up to 3 cm and
-0.015 rad (standard deviations), and terrain heights and laser ranges have noise of up to 2 and
-15 mm. The navigator assumes the nominal robot file. The planner `run_up` is that of the
-navigator; `wall` treats each step as a wall, and `free` as free floor. A result is right if the
-ball arrives, or if it does not arrive and a plan with perfect knowledge of the floor does not
-exist.
+threshold or nothing. Of the rooms, {furnished:g} % have a carpet, a cord, a platform, a ramp to
+a platform, or a lower level; {stairs:g} % of the houses have stairs without a guard. The map has
+wrong heights (standard deviation {0.HEIGHT_SD:g} m, and {gross:g} % of them up to
+{0.GROSS_ERROR:g} m), and lacks an obstacle in {obstacles:g} % of the rooms. The robot is drawn
+from the ranges of its file. The localisation drifts by up to {1.place_sd:g} m and
+{1.heading_sd:g} rad, and terrain heights and laser ranges have noise of up to {1.height_sd:g} m
+and {1.laser_sd:g} m (standard deviations). The navigator assumes the nominal robot file. The
+planner `run_up` is that of the navigator; `wall` treats each step as a wall, and `free` as free
+floor. A result is right if the ball arrives, or if it does not arrive and a plan with perfect
+knowledge of the floor does not exist.
 """
 
 Row = Dict[str, Any]
@@ -168,7 +170,7 @@ def run_evaluation(evaluation: NavigationEvaluation, folder: Path, pool: Executo
 
 def report(rows: Sequence[Row]) -> Dict[str, Dict[str, Any]]:
     """
-    Return the figures of each planner; the targets apply to the first one.
+    Return the figures of each planner.
 
     ``right`` counts arrivals, and failures to arrive at goals to which no route exists even with
     perfect knowledge of the floor.
@@ -195,23 +197,26 @@ def report(rows: Sequence[Row]) -> Dict[str, Dict[str, Any]]:
 
 
 def page(figures: Dict[str, Dict[str, Any]], seed: int, command: str) -> str:
-    """Return the report as Markdown, with the command that writes it."""
+    """Return the report as Markdown, with the targets for the first planner, and the command."""
     titles = ('planner', 'goals', 'arrived', 'no route, reported', 'right', 'falls',
               f'hits above {HIT:g} m/s', 'crossings', 'median time / plan')
     first, one = next(iter(figures.items()))
     part, ratio = one['right'] / one['goals'], one['time_ratio']
     lines = [
-        target('arrives, or correctly reports that it cannot', '99 %',
+        target('arrives, or correctly reports that it cannot', f'{100.0 * RIGHT:g} %',
                f'{100.0 * part:.1f} %, {one["right"]} of {one["goals"]}', part >= RIGHT),
         target('falls', '0', str(one['falls']), not one['falls']),
         target(f'hits above {HIT:g} m/s', '1 in 1,000', f'{one["hits"]} of {one["goals"]}',
                one['hits'] <= HITS * one['goals']),
-        target('median time over that of the plan with perfect knowledge', '1.25',
+        target('median time over that of the plan with perfect knowledge', f'{RATIO:g}',
                'not measured' if ratio is None else f'{ratio:.2f}',
                None if ratio is None else ratio <= RATIO)]
     return '\n'.join([
         INTRODUCTION.format(
-            command=command, first=first, seed=seed, cpu=one['cpu_s'] / one['goals']),
+            houses, houses.ERRORS_MAX, command=command, first=first, seed=seed,
+            cpu=one['cpu_s'] / one['goals'], furnished=100.0 * houses.FURNISHED,
+            stairs=100.0 * houses.STAIRS, gross=100.0 * houses.GROSS,
+            obstacles=100.0 * houses.OBSTACLES),
         f'## Targets, with `{first}`\n', *table_of_targets(lines), '',
         '## Planners\n', *markdown(titles, (
             (planner, one['goals'], one['arrived'], one['impossible'],

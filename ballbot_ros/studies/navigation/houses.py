@@ -7,7 +7,7 @@ Half of the rooms have a carpet, a cord, a platform, a ramp to a platform or a l
 A house has two floors: the true one, and the map, whose heights deviate and which lacks obstacles.
 House number n of a seed does not depend on the other houses.
 """
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 import math
 from typing import List, Tuple
 
@@ -35,6 +35,8 @@ FURNISHED = 0.5  # share of rooms with a feature inside
 AREA = (0.7, 1.1)  # sides of carpets and levels, and length of ramps [m]
 LOW, LEVEL = (0.003, 0.012), (0.006, 0.05)  # heights of cords and carpets, and of levels [m]
 BOX = 0.3  # side of an obstacle [m]
+# Largest errors of sensors and localisation, see `Errors`: [m], [rad], [m], [m].
+ERRORS_MAX = Errors(0.03, 0.015, 0.002, 0.015)
 ROOM = 0.35  # half the side of the free square around start and goal [m]
 
 
@@ -116,7 +118,7 @@ def draw_house(nominal: Robot, seed: int, number: int) -> House:
                 places.append(place)
                 break
     name = f'house {number} of seed {seed}'
-    errors = Errors(*(float(random.uniform(0.0, high)) for high in (0.03, 0.015, 0.002, 0.015)))
+    errors = Errors(*(float(random.uniform(0.0, high)) for high in astuple(ERRORS_MAX)))
     return House(seed, number, Floor(name, truth, RESOLUTION, (0.0, 0.0), tuple(features)),
                  Floor(name, cells, RESOLUTION, (0.0, 0.0), mapped), draw_robot(nominal, random),
                  errors, (*places[0], float(random.uniform(-math.pi, math.pi))), places[1])
