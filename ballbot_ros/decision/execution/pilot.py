@@ -40,7 +40,7 @@ class Pilot:
         self._state: Optional[SpeedState] = None
         self._stamp = 0.0
         self._angle = 0.0
-        self._stand = math.inf
+        self._stand, self._back = math.inf, -math.inf
         self._slope, self._estimated, self._touched = 0.0, math.nan, -math.inf
         # Before the first motion, all slopes on which the ball can be held are equally probable.
         self._slope_error = steepest_slope(
@@ -79,6 +79,7 @@ class Pilot:
         """
         if not motion.is_plausible:
             self._state, self._angle, self._stand = None, 0.0, math.inf
+            self._back = -math.inf
             return 0.0
         if self._state is None:
             self._state = speed_law_start(
@@ -98,6 +99,7 @@ class Pilot:
         """Return the order that executes a decision."""
         plan, tuning = decision.plan or Plan(Strategy.STOP), self._tuning
         stand = self._standing(decision, motion)
+        self._back = plan.start if decision.kind is Kind.BACK_OFF else -math.inf
         common = Order(tuning.largest_lean, tuning.emergency_lean, tuning.dead_time)
         if decision.kind is Kind.BACK_OFF:
             return common._replace(forward=CREEP_SPEED, backward=BACK_OFF_SPEED, stop=plan.start)
@@ -133,6 +135,8 @@ class Pilot:
                 self._tuning.emergency_lean, self._tuning.dead_time, self._law)
             # A ball that cannot brake in time stops as soon as possible.
             given = motion.position + math.copysign(min(ahead, STOP_DISTANCE_MAX), motion.speed)
+            # The ground behind the start of a plan may not be free.
+            given = max(given, self._back)
         closer = min if planned or motion.speed > 0.0 else max
         self._stand = closer(self._stand, given) if moves and math.isfinite(self._stand) else given
         return self._stand

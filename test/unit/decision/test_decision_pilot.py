@@ -93,6 +93,13 @@ def test_a_stop_while_backing_off_is_shorter_uphill_than_downhill():
     assert distances[0] + 0.02 < distances[1] < distances[2] - 0.01
 
 
+@pytest.mark.parametrize('stopped', [1.0, 1.5, 1.8, 2.0, 2.2, 2.5])
+def test_a_stop_while_backing_off_ends_at_the_latest_at_the_start_of_the_plan(stopped):
+    back = Decision(Kind.BACK_OFF, Reason.RUN_UP, 0.0, '', plan=Plan(Strategy.BACK_OFF, -0.5))
+    log = drive(0.0, lambda now: back if now < stopped else STOP)
+    assert min(x for _, x, *_ in log) > -0.51
+
+
 def test_the_stopping_distance_contains_the_actuation_delay():
     rest = [Pilot(replace(KNOWLEDGE, tuning=replace(
         KNOWLEDGE.tuning, actuation_delay=delay)))._standing(STOP, Motion(0.0, 0.0, 0.4))
