@@ -172,7 +172,7 @@ class Capability:
         worlds.see(ahead)
         task = Task(start, ahead, worlds, tuning.required_probability, tuning.highest_speed)
         plans = [plan for plan in candidates(ahead, start[0], 0.0, tuning)
-                 if plan.faces == len(faces)]
+                 if plan.end(ahead).faces == len(faces)]
         trials: List[Trial] = []
         steps_of_search = search(plans, task, trials)
         try:

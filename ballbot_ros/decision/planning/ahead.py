@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The terrain ahead, from a profile: its shape for rollouts, and plans across its faces."""
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import math
 from typing import List, Sequence, Tuple
 
@@ -62,6 +62,10 @@ class Ahead:
     # elsewhere [m].
     descents: Array
 
+    def length(self, end: End) -> float:
+        """Return the distance from the first face to an end [m]."""
+        return end.position - self.faces[0].position
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -71,15 +75,13 @@ class Candidate:
     speed: float  # of the approach [m/s]
     swing: float = -math.inf  # distance before the touch at which the pendulum swings [m]
     angle: float = 0.0  # of the swing [rad]
-    faces: int = 1  # number of faces that it crosses
     back: float = 0.0  # distance before the touch at which it starts from rest [m]; 0 for here
+    # Distance from the first face to the end of the plan [m]; it follows the estimates.
+    length: float = field(default=0.0, compare=False)
 
     def end(self, ahead: Ahead) -> End:
-        """Return its end: the face that it was planned for, or the last remaining one."""
-        for end in ahead.ends:
-            if end.faces >= self.faces:
-                return end
-        return ahead.ends[-1]
+        """Return its end: the nearest one to that for which it was planned."""
+        return min(ahead.ends, key=lambda end: abs(ahead.length(end) - self.length))
 
 
 def faces_ahead(profile: Profile, position: float) -> Tuple[Face, ...]:

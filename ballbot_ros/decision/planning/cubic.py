@@ -231,7 +231,8 @@ class CurveSelector(Selector):
             Strategy.CRUISE if set_speed <= self._tuning.cruise_speed else Strategy.ACCELERATE
         probability = self._rule.probability(touch, face)
         return Prediction(
-            Candidate(strategy, set_speed, HANGING_TIME * touch, faces=end.faces, back=back),
+            Candidate(strategy, set_speed, HANGING_TIME * touch, back=back,
+                      length=ahead.length(end)),
             Outlook(probability, 1.0 - probability, 0.0, touch_speed=touch,
                     height_limit=self._rule.height_limit(touch)), bool(fitting))
 

@@ -95,11 +95,12 @@ class Selector(ABC):
         kept = self.plan
         if self.choice is not None and kept is not None:
             # Edges too close to stop between remain so when their estimates change.
-            kept = replace(kept, faces=max(kept.faces, kept.end(ahead).faces))
+            end = kept.end(ahead)
+            kept = replace(kept, length=ahead.length(end))
             if kept.back > 0.0 and now.standing \
                     and motion.position < ahead.touch - kept.back + POSITION_TOLERANCE:
                 # It was confirmed from this start before the ball backed off.
-                kept = replace(kept, back=0.0, strategy=Strategy.CARRY if kept.faces > 1 else
+                kept = replace(kept, back=0.0, strategy=Strategy.CARRY if end.faces > 1 else
                                Strategy.SWING if kept.angle > 0.0 else Strategy.ACCELERATE)
             self.choice.candidate = kept
         return now

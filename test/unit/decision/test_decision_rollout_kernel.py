@@ -187,8 +187,8 @@ def test_a_plan_carries_the_ball_over_two_edges():
     ahead = ahead_of(-1.4, Face(1, 0.0, 0.015, 0.0, 0.0), Face(2, 0.3, 0.015, 0.0, 0.0))
     assert [end.faces for end in ahead.ends] == [1, 2]
     start, robot = (-1.4, 0.4, 0.0, 0.0), world(GIMBALL)
-    carry = Candidate(Strategy.CARRY, 0.8, 0.2, 1.5, faces=2)
-    weak = Candidate(Strategy.CARRY, 0.4, faces=2)
+    carry = Candidate(Strategy.CARRY, 0.8, 0.2, 1.5, length=0.3)
+    weak = Candidate(Strategy.CARRY, 0.4, length=0.3)
     rows = [plan_row(carry, ahead), plan_row(weak, ahead)]
     verdicts = WORLDS.attempt(start, rows, robot, ahead)[:, 0, 0]
     assert verdicts.tolist() == [OVER, STUCK]

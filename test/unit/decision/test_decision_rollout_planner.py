@@ -296,6 +296,22 @@ def test_a_face_that_appears_past_the_last_braking_point_does_not_end_a_crossing
     assert after.kind is Kind.CROSS and after.step == near.number
 
 
+def test_past_the_last_braking_point_a_plan_keeps_its_end_if_another_face_is_observed():
+    up, down, behind = step(0.015), step(-0.03, position=0.14, number=2), step(
+        0.016, position=0.42, number=3)
+    halves = step(-0.015, position=0.14, number=2), step(-0.015, position=0.19, number=4)
+    wall = step(0.2, position=1.4, number=5)
+    for one, other in ((down,), halves), (halves, (down,)):
+        planner, decision = new_planner(), None
+        for number in range(100):
+            decision = planner(Situation(
+                Motion(0.02 * number, -0.65, 0.6), seen(up, *one, behind, wall)), decision)
+        assert decision.committed and decision.plan.edge == pytest.approx(0.43)
+        after = planner(Situation(
+            Motion(2.0, -0.65, 0.6), seen(up, *other, behind, wall)), decision)
+        assert after.committed and after.plan.edge == pytest.approx(0.43)
+
+
 def test_a_plan_across_a_step_does_not_continue_down_what_may_be_a_drop():
     floor = [(-3.0, 0.0), (0.0, 0.0), (0.0, 0.02), (0.45, 0.02), (0.45, -0.035), (3.0, -0.035)]
     planner, decision = new_planner(), None

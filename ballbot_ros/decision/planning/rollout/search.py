@@ -69,10 +69,11 @@ def candidates(ahead: Ahead, position: float, speed: float, tuning: DecisionTuni
     for end in ahead.ends:
         for item in speeds:
             gentle = Strategy.CRUISE if item <= cruise + SPEED_GAIN_MIN else Strategy.ACCELERATE
-            found.append(Candidate(gentle, item, faces=end.faces))
+            found.append(Candidate(gentle, item, length=ahead.length(end)))
         for item in speeds:
-            found += swings(Candidate(Strategy.SWING, item, faces=end.faces), run_up, tuning)
-    return [replace(item, strategy=Strategy.CARRY) if item.faces > 1 else item
+            found += swings(Candidate(Strategy.SWING, item, length=ahead.length(end)), run_up,
+                            tuning)
+    return [replace(item, strategy=Strategy.CARRY) if item.end(ahead).faces > 1 else item
             for item in found]
 
 
@@ -96,7 +97,7 @@ def from_farther_back(ahead: Ahead, position: float, room: float, tuning: Decisi
     found = []
     for back in fitting:
         for end in ahead.ends:
-            plain = [Candidate(Strategy.BACK_OFF, item, faces=end.faces, back=back)
+            plain = [Candidate(Strategy.BACK_OFF, item, back=back, length=ahead.length(end))
                      for item in (0.7, 0.9, 1.0, 1.1) if item <= tuning.highest_speed]
             for item in plain:
                 found.append(item)
