@@ -348,12 +348,15 @@ class Failure:
     plan : Plan
     touch_speed : float
         Speed at the touch [m/s].
+    run_up : float
+        Distance rolled from rest to the touch [m].
 
     """
 
     position: float
     plan: Plan
     touch_speed: float
+    run_up: float = 0.0
 
     def is_at(self, position: float) -> bool:
         """Return whether the plan failed at the face at a position [m]."""

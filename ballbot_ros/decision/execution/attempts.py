@@ -75,7 +75,7 @@ class AttemptWatch:
         self._left = True  # whether the ball has left the face at which it was stuck
         self._ahead: Optional[Face] = None  # next face, before it is touched
         self._run_up = math.nan  # distance to its touch [m]
-        self._set_out: Optional[Tuple[int, float]] = None  # face number, start of its approach [m]
+        self._rested = math.nan  # position where the ball was last at rest [m]
         self._drop: Optional[Face] = None
         self._risen: Optional[Face] = None  # last crossed face
         self._profile = UNSEEN
@@ -90,6 +90,8 @@ class AttemptWatch:
             return None
         if self._motions and self._jumped(motion):
             self.reset()
+        if not self._motions or abs(motion.speed) < REST_SPEED_MAX:
+            self._rested = motion.position
         self._motions.append(motion)
         if profile.rejection is None and profile.is_plausible:
             self._profile = profile
@@ -120,9 +122,6 @@ class AttemptWatch:
         if face is None:
             self._run_up = math.nan
             return
-        if decision.kind is Kind.CROSS and (
-                self._set_out is None or self._set_out[0] != face.number):
-            self._set_out = face.number, motion.position
         before, self._run_up = self._run_up, self._distance_to_touch(face, motion.position)
         self._left = self._left or self._run_up > RETREAT_MIN
         # A face that appears at the present position of the ball was not approached.
@@ -146,21 +145,20 @@ class AttemptWatch:
     def _started(self, face: Face, motion: Motion, seen: Profile, decision: Decision,
                  speed: float, angle: float) -> Attempt:
         """Return an attempt that starts with a touch."""
-        plan, probability, distance = None, None, 0.0
+        plan, probability = None, None
         if decision.kind is Kind.CROSS:
             plan = decision.plan or Plan(Strategy.CRUISE, speed=decision.set_speed,
                                          edge=face.position)
             if decision.outlook is not None and 0.0 <= decision.outlook.probability <= 1.0:
                 probability = decision.outlook.probability
-            if self._set_out is not None and self._set_out[0] == face.number:
-                distance = max(0.0, motion.position - self._set_out[1])
         outcome = Outcome(
             stamp=max(0.0, motion.stamp), result=Result.STUCK.value, face=max(0, face.number),
             position=face.position, height=face.height, height_sd=min(face.height_sd, 0.2),
             touch_speed=min(max(0.0, speed), TOUCH_SPEED_MAX),
             touch_angle=_wrapped(angle), held_angle=_wrapped(angle),
             slope=max(-1.0, min(1.0, Situation(motion, seen).slope)),
-            distance=min(distance, 1000.0), probability=probability, robot=self._digest, plan=plan)
+            distance=min(max(0.0, motion.position - self._rested), 1000.0),
+            probability=probability, robot=self._digest, plan=plan)
         along = motion.position - face.position
         return Attempt(face, outcome, motion.stamp, along, along, motion.stamp)
 
@@ -230,7 +228,7 @@ class AttemptWatch:
 
     def _end(self, attempt: Attempt, result: Result, motion: Motion) -> Outcome:
         """End the attempt and return its outcome."""
-        self.attempt, self._drop, self._set_out = None, None, None
+        self.attempt, self._drop = None, None
         self._left = result is not Result.STUCK
         self._risen = attempt.face if result is Result.OVER else None
         self._run_up = math.nan

@@ -55,7 +55,7 @@ class Outcome(Checked):
         'rad', 'slope of the ground before the face, positive uphill', minimum=-1.0, maximum=1.0,
         default=0.0)
     distance: float = quantity(
-        'm', 'distance rolled from the decision to cross to the touch',
+        'm', 'distance rolled from rest to the touch',
         minimum=0.0, maximum=1000.0, default=0.0)
     probability: Optional[float] = quantity(
         '1', 'predicted success probability', minimum=0.0, maximum=1.0, optional=True)
@@ -71,4 +71,5 @@ class Outcome(Checked):
     @property
     def failure(self) -> Failure:
         """Return the failure of an attempt, for later plans."""
-        return Failure(self.position, self.plan or Plan(Strategy.STOP), self.touch_speed)
+        return Failure(self.position, self.plan or Plan(Strategy.STOP), self.touch_speed,
+                       self.distance)

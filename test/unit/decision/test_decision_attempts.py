@@ -125,6 +125,12 @@ def rolled(stamps, positions, faces=(Face(1, 1.0, 0.05, 0.005, 0.001),)):
     return outcomes, watch
 
 
+def test_the_run_up_of_a_failure_starts_where_the_ball_was_last_at_rest():
+    stamps = np.arange(0.0, 6.0, 0.02)
+    outcomes, _ = rolled(stamps, np.minimum(np.abs(0.5 * stamps - 0.5), 0.86))
+    assert [item.failure.run_up for item in outcomes] == pytest.approx([0.86], abs=0.02)
+
+
 def test_a_ball_held_by_a_step_is_stuck_after_a_timeout():
     stamps = np.arange(0.0, 6.0, 0.02)
     outcomes, _ = rolled(stamps, np.minimum(0.5 * stamps, 0.86))

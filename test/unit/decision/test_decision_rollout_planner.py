@@ -360,6 +360,19 @@ def test_a_failed_plan_is_followed_by_a_stronger_one():
     assert last.kind is Kind.GO_ROUND and last.reason is Reason.FAILED_BEFORE
 
 
+def test_a_failed_plan_is_not_repeated_after_a_run_up_of_the_same_length():
+    high = partial(decide, step(0.045), room=0.3, free_from=-2.5)
+    before = high()
+    assert before.kind is Kind.BACK_OFF
+    # At its start, the plan becomes one from the present position.
+    executed = replace(before.plan, strategy=Strategy.SWING, start=-math.inf,
+                       speed=TUNING.highest_speed)
+    failure = Failure(0.0, executed, before.outlook.touch_speed,
+                      -touch_distance(RADIUS, 0.045) - before.plan.start)
+    assert high(failures=(failure,)).reason is Reason.FAILED_BEFORE
+    assert high(failures=(replace(failure, run_up=0.5),)).kind is Kind.BACK_OFF
+
+
 def test_a_crossing_meets_a_higher_required_probability_or_is_refused():
     bold = decide(step(0.04))
     careful = decide(step(0.04), knowledge=replace(

@@ -15,7 +15,7 @@ import math
 from typing import Generator, List, NamedTuple, Optional, Sequence, Tuple
 
 from ballbot_ros.decision.planning.ahead import Ahead, Candidate
-from ballbot_ros.decision.planning.face_planner import Choice, Selector
+from ballbot_ros.decision.planning.face_planner import Choice, POSITION_TOLERANCE, Selector
 from ballbot_ros.decision.planning.rollout.rollout import TOUCH_SPEED
 from ballbot_ros.decision.planning.rollout.search import (
     candidates, confirm, from_farther_back, good, height_limit, highest_step, passing, search,
@@ -23,7 +23,7 @@ from ballbot_ros.decision.planning.rollout.search import (
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Failure, Reason, Strategy
+from ballbot_ros.decision.values import Failure, Reason
 
 KEPT_PLAN_ROLLOUTS = 80  # rollouts for checking the present plan
 # A kept plan is rejected if its harm exceeds the permitted one by this many standard deviations.
@@ -118,8 +118,7 @@ def _more(item: Candidate, failure: Failure) -> bool:
     """Return whether a candidate exceeds a failed plan."""
     swung = failure.plan.swing_angle if math.isfinite(failure.plan.swing_position) else 0.0
     return exceeds(item, failure.plan.speed, swung) or (
-        failure.plan.strategy is not Strategy.BACK_OFF and item.back > 0.0
-        and item.angle >= swung - 0.01)
+        item.back > failure.run_up + POSITION_TOLERANCE and item.angle >= swung - 0.01)
 
 
 def exceeds(item: Candidate, speed: float, angle: float) -> bool:
