@@ -148,8 +148,9 @@ class StopLines:
             return decision
         if decision.kind is not Kind.CLEAR:
             if situation.motion.speed > most:  # stop as soon as possible, not at a position
-                return replace(
-                    decision, set_speed=0.0, plan=Plan(Strategy(decision.kind.value)))
+                return replace(decision, set_speed=0.0, plan=replace(
+                    decision.plan or Plan(Strategy(decision.kind.value)),
+                    stop_position=math.inf))
             return replace(decision, set_speed=min(decision.set_speed, most))
         return self.stop_before(
             replace(decision, kind=Kind.STOP, reason=line.reason,

@@ -9,11 +9,12 @@ import pytest
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import (
-    Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion, PLANNERS, Profile, Reason,
-    Situation)
+    Decision, Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion, PLANNERS, Profile,
+    Reason, Situation)
 from ballbot_ros.decision.planning.ahead import faces_ahead, look_ahead
 from ballbot_ros.decision.planning.rollout.search import good
 from ballbot_ros.decision.planning.rollout.worlds import Tally
+from ballbot_ros.decision.planning.safety_filter import with_safety_filter
 from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.values import After, Failure, Plan, Strategy
 from ballbot_ros.physics.model.robot import load_robot
@@ -257,6 +258,19 @@ def test_a_committed_step_down_stays_committed_if_the_measured_speed_falls():
         decision = plan(Situation(motion, seen(step(
             -0.045, sd=0.001 if number == 0 else 0.003), points=floor, seen_to=3.0)), decision)
         assert (decision.kind, decision.reason) == (Kind.CROSS, Reason.COMMITTED)
+
+
+def test_the_stop_behind_an_edge_lasts_until_the_ball_is_clear_of_it():
+    planner = with_safety_filter(new_planner(), KNOWLEDGE)
+    decision = Decision(Kind.CROSS, Reason.COMMITTED, 0.5, '', plan=Plan(
+        Strategy.CRUISE, speed=0.5, edge=0.01, after=After.STOP))
+    for position in 0.02, 0.05, 0.1:  # too fast to stop before the step down
+        decision = planner(Situation(Motion(0.0, position, 0.5), seen(
+            step(-0.02, position=0.45))), decision)
+        assert (decision.kind, decision.reason) == (Kind.STOP, Reason.LANDING)
+    decision = planner(Situation(Motion(0.0, 0.13, 0.5), seen(
+        step(-0.02, position=0.45))), decision)
+    assert decision.kind is Kind.CROSS
 
 
 def test_the_speed_before_a_stop_allows_for_the_uncertainty_of_the_slope():
