@@ -216,7 +216,7 @@ class Sensing(AxisSensing[Estimate]):
         self._imu_required = hardware.connection.imu_required
         self.fusion = Fusion(robot, hardware.imu, hardware.estimate, hardware.joint.encoder_zero)
         self._plausibility = ImuPlausibility()
-        self._gravity = robot.gravity
+        self._gravity, self._mounting = robot.gravity, hardware.imu
         self._largest_swing = 2.0 * hardware.limits.angle_limit + SWING_OVERSHOOT
         self._rolling = OdometryFilter(robot, hardware.odometry)
         self.odometry: Optional[OdometryState] = None
@@ -283,9 +283,9 @@ class Sensing(AxisSensing[Estimate]):
         `imus.plausibility.EXPLANATIONS`.
         """
         self.imu_watch.check(reading.stamp, now)
-        estimate = self.fusion.estimate
+        estimate, centred = self.fusion.estimate, self._mounting.at_centre(reading, 0.0)
         self._plausibility = self._plausibility.after(
-            reading.stamp, reading.turn_rate, reading.forward, reading.upward, self._gravity,
+            reading.stamp, reading.turn_rate, centred.forward, centred.upward, self._gravity,
             None if estimate is None else float(estimate.mean[JOINT]), self._largest_swing)
         fault = self.imu_fault
         if fault:

@@ -8,10 +8,13 @@ Three checks, each with a limit that no motion of the robot exceeds:
   is known, they count only while it changes: a simulated sensor may have no noise.
 * The specific force stays near gravity, except for impacts, falls and bounces.
   A force in multiples of g, or with gravity removed, does not.
-* The angle of the shell plus that of the joint is that of the pendulum, which its limits keep
-  within a range.  With a gyro in deg/s, an IMU upside down, or a frozen or reversed encoder, the
-  sum leaves that range as soon as the ball has rolled, at any speed; gravity corrects the drift of
-  the gyro.  An impact or a fall may turn the pendulum over: the sum restarts.
+* Gyro, gravity and joint give the same angles.  The angle of the shell by the gyro, which gravity
+  slowly corrects, is that of the specific force, within a quarter turn: with a gyro that is
+  reversed, saturated, frozen or in deg/s, or with exchanged axes, the difference grows as the ball
+  rolls.  The angle of the shell plus that of the joint is that of the pendulum, which its limits
+  keep within a range: with an IMU upside down, or a frozen or reversed encoder, the sum leaves
+  that range.  Both detect a fault at any speed.  An impact or a fall may turn the pendulum over:
+  the sum restarts.
 """
 import math
 from typing import NamedTuple, Optional, Tuple
@@ -27,6 +30,10 @@ LONGEST_OUTSIDE = 1.5
 # Time constant with which gravity corrects the angle of the shell [s]: a gyro error of 0.1 rad/s
 # amounts to 1 rad.
 DRIFT_TIME = 10.0
+# Largest angle between the specific force and gravity by the gyro [rad], and the longest time of a
+# larger one, of an impact [s].
+LARGEST_TILT = 0.5 * math.pi
+LONGEST_IMPACT = 0.1
 # After a longer pause between readings, the angle of the shell restarts [s].
 LONGEST_PAUSE = 0.1
 
@@ -45,6 +52,7 @@ class ImuPlausibility(NamedTuple):
     joint_angle: Optional[float] = None  # with the last reading [rad]
     shell: float = 0.0  # angle by the gyro, corrected by gravity [rad]
     start: Optional[float] = None  # sum of the angles of shell and joint at the restart [rad]
+    tilted_since: float = math.inf  # since when force and gyro contradict each other [s]
 
     def after(self, stamp: float, turn_rate: float, forward: float, upward: float,
               gravity: float, joint_angle: Optional[float] = None,
@@ -69,24 +77,27 @@ class ImuPlausibility(NamedTuple):
             joint_angle is None or abs(joint_angle - then) > JOINT_MOTION)
         inside = LOWEST_FORCE * gravity <= math.hypot(forward, upward) <= HIGHEST_FORCE * gravity
         outside = math.inf if inside else min(self.outside_since, stamp)
-        pause = stamp - self.stamp
-        shell, start, swing = math.atan2(forward, upward), None, 0.0
+        pause, vertical = stamp - self.stamp, math.atan2(forward, upward)
+        shell, start, swing, tilted = vertical, None, 0.0, math.inf
+        if pause <= LONGEST_PAUSE:
+            shell = self.shell + turn_rate * pause
+            if inside:
+                error = math.remainder(vertical - shell, math.tau)
+                shell += pause / DRIFT_TIME * error
+                tilted = min(self.tilted_since, stamp) if abs(error) > LARGEST_TILT else math.inf
         if inside and joint_angle is not None:
+            start = shell + joint_angle
             if self.start is not None and pause <= LONGEST_PAUSE:
-                turned, start = self.shell + turn_rate * pause, self.start
-                shell = turned + pause / DRIFT_TIME * math.remainder(shell - turned, math.tau)
-            else:
-                start = shell + joint_angle
-            swing = shell + joint_angle - start
+                start, swing = self.start, start - self.start
         fault = ''
         if frozen:
             fault = 'imu_frozen'
         elif stamp - outside > LONGEST_OUTSIDE:
             fault = 'imu_gravity'
-        elif abs(swing) > largest_swing:
-            fault, start = 'imu_turn_rate', None  # once: the zero of the encoder may have moved
+        elif stamp - tilted > LONGEST_IMPACT or abs(swing) > largest_swing:
+            fault, start = 'imu_turn_rate', None  # the zero of the encoder may have moved
         return ImuPlausibility(fault, stamp, values, repeated, then, outside, joint_angle,
-                               shell, start)
+                               shell, start, tilted)
 
 
 # Text and remedy of each fault.
@@ -99,7 +110,7 @@ EXPLANATIONS = {
         f'{HIGHEST_FORCE:g} g for more than {LONGEST_OUTSIDE:g} s: it must be in m/s2, with '
         'gravity included (the raw topic of its driver)'),
     'imu_turn_rate': (
-        'the turn rate of the IMU contradicts the encoder: it must be in rad/s, with the axes '
-        'forward, left, up; check the unit, the mounting of the IMU, and the direction of '
-        'the joint'),
+        'the turn rate of the IMU contradicts its specific force or the encoder: it must be in '
+        'rad/s, with the axes forward, left, up; check the unit, the range and the mounting of '
+        'the IMU, and the direction of the joint'),
 }

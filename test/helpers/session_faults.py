@@ -127,6 +127,19 @@ def mounted_backwards(robot):
         true, turn_rate=-true.turn_rate, forward=-true.forward)
 
 
+def gyro(change):
+    """Return a fault: `change` maps the true turn rate to the measured one [rad/s]."""
+    def plant(robot):
+        robot.reading = lambda true: replace(true, turn_rate=change(true.turn_rate))
+    return plant
+
+
+def exchanged_axes(robot):
+    """Exchange the forward and the left axis of the IMU."""
+    robot.reading = lambda true: replace(
+        true, turn_rate=1e-3 * true.forward, forward=1e-3 * true.turn_rate)
+
+
 def silent_imu(robot):
     """Stop the IMU readings."""
     robot.reading = lambda true: None
@@ -208,6 +221,9 @@ FAULTS = {
     'encoder reversed': reversed_encoder(False), 'encoder jumps every 0.2 s': jumping_encoder,
     'IMU silent': silent_imu, 'IMU frozen': repeated, 'IMU in degrees per second': in_degrees,
     'IMU in g': in_g, 'IMU upside down': upside_down, 'IMU backwards': mounted_backwards,
+    'IMU axes exchanged': exchanged_axes, 'gyro reversed': gyro(lambda rate: -rate),
+    'gyro saturated': gyro(lambda rate: max(-0.3, min(rate, 0.3))),
+    'gyro with half the scale': gyro(lambda rate: 0.5 * rate),
     'cable unplugged': unplugged, 'no reply arrives': silent_drive,
     'replies 20 ms later every 0.1 s': growing_latency, 'status not confirmed': lost_status,
     'drive trips': tripped_drive, 'drive reboots': rebooted_drive}

@@ -120,6 +120,9 @@ class VirtualRobot(MemoryLine):
         Supply voltage of the drive [V].
     encoder : callable
         Maps the true values (`Sensed`) to those that the drive measures: a fault of the encoder.
+    transmitted : callable
+        Maps the torque of the motor at the pendulum [N m] and the state of the plant to the torque
+        on the pendulum: a fault of motor or gear.
     reading : callable
         Maps an `ImuReading` to the received one, or to None if none arrives: a fault of the IMU.
 
@@ -168,6 +171,7 @@ class VirtualRobot(MemoryLine):
         self.encoder_jump = 0.0  # of the motor shaft [rad]
         self.bus_voltage = self.device.sensed.bus_voltage
         self.encoder = self.reading = self.lean_encoder = lambda true: true
+        self.transmitted = lambda torque, state: torque
         self.lateral, self.leans, self.course = LateralState(), [], GroundTrack()
         self._shared = SharedLine(self._opened)
         self.observer = SessionObserver()
@@ -219,7 +223,7 @@ class VirtualRobot(MemoryLine):
             motor = self.device.torque() if self.device.booted_at <= self.now else 0.0
             gear = self.joint.gear_ratio * self.joint.gear_efficiency * self.joint.direction
             before = self.plant.state
-            state = self.plant.advance(motor * gear)
+            state = self.plant.advance(self.transmitted(motor * gear, before))
             scale = self.joint.gear_ratio * self.joint.direction
             self.device.sensed = self.encoder(Sensed(
                 scale * state.joint_angle + self.encoder_jump, scale * state.joint_rate,

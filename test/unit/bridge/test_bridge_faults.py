@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults of sensors, line and drive in simulated time: no torque on implausible data."""
 from dataclasses import replace
+import math
 import random
 
 import pytest
@@ -9,13 +10,14 @@ from session_faults import (
     FAULTS, FORWARD, frozen, hold_up, in_degrees, in_g, loop, loop_late, lost_status,
     mounted_backwards, repeated, reversed_encoder, slow_reader, time_to_zero, upside_down)
 from tiers import pairs, slow
-from virtual_robot import VirtualRobot
+from virtual_robot import STEP, VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState, RECONNECT_TIMEOUT
 from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.drives.driver import LARGEST_NUMBER
 from ballbot_ros.errors import RefusedError
+from ballbot_ros.estimation import ImuMounting, ImuReading
 
 PROTOCOLS = ('odrive 0.5', 'odrive_can 0.6', 'vesc', 'roboclaw')
 
@@ -119,6 +121,17 @@ def test_an_imu_that_is_not_plausible_engages_the_e_stop(fault, reason):
     loop(robot, 0.2, FORWARD)
     assert time_to_zero(robot, fault, 6.0, SetPoint(Mode.SPEED, 0.5)) < 1.6
     assert robot.session.supervisor.e_stop.reason in (reason, StopReason.JOINT_TORQUE)
+
+
+def test_the_centripetal_acceleration_of_an_imu_away_from_the_centre_is_plausible():
+    robot, height, rate = VirtualRobot(), 0.22, -12.0  # 3.2 g at the speed limit of the joint
+    sensing = robot.change(imu=ImuMounting(imu_upward=height)).session.sensing
+    for number in range(1000):
+        time = STEP * number
+        angle = rate * time
+        sensing.imu(ImuReading(
+            time, rate, 9.81 * math.sin(angle), 9.81 * math.cos(angle) - height * rate**2), time)
+        assert not sensing.imu_fault
 
 
 @pytest.mark.parametrize('fault, reason, set_point', [

@@ -65,8 +65,14 @@ def test_a_correct_sensor_is_plausible(rolling):
     (lambda rate, forward, upward: (rate, 0.1 * forward, upward - 9.81), 'imu_gravity', 1.6),
     (lambda rate, forward, upward: (rate, 9.81 * forward, 9.81 * upward), 'imu_gravity', 1.6),
     (lambda rate, forward, upward: (math.degrees(rate), forward, upward), 'imu_turn_rate', 2.0),
-    (lambda rate, forward, upward: (-rate, forward, -upward), 'imu_turn_rate', 6.0)],
-    ids=['frozen', 'in g', 'without gravity', 'gravity twice', 'deg/s', 'upside down'])
+    (lambda rate, forward, upward: (-rate, forward, -upward), 'imu_turn_rate', 6.0),
+    (lambda rate, forward, upward: (-rate, forward, upward), 'imu_turn_rate', 4.0),
+    (lambda rate, forward, upward: (0.5 * rate, forward, upward), 'imu_turn_rate', 4.0),
+    (lambda rate, forward, upward: (max(rate, -0.3), forward, upward), 'imu_turn_rate', 4.0),
+    (lambda rate, forward, upward: (rate, -forward, upward), 'imu_turn_rate', 4.0),
+    (lambda rate, forward, upward: (1e-3 * forward, 1e-3 * rate, upward), 'imu_turn_rate', 4.0)],
+    ids=['frozen', 'in g', 'without gravity', 'gravity twice', 'deg/s', 'upside down',
+         'gyro reversed', 'half the scale', 'gyro saturated', 'force reversed', 'axes exchanged'])
 def test_a_sensor_fault_is_detected(rolling, change, reason, within):
     found, when = fault(rolling, change)
     assert found == reason and when < within and EXPLANATIONS[reason]
@@ -87,6 +93,25 @@ def test_a_simulated_sensor_without_noise_at_rest_is_plausible():
 def test_a_force_is_plausible_from_a_half_to_two_times_gravity(share, reason):
     held = [(number / RATE, 0.0, 0.0, share * GRAVITY, 0.0) for number in range(1000)]
     assert fault(held)[0] == reason
+
+
+@pytest.mark.parametrize('duration, reason', [(0.09, ''), (0.12, 'imu_turn_rate')])
+def test_a_force_below_the_horizontal_is_plausible_during_an_impact_only(duration, reason):
+    hit = [(number / RATE, 0.0, 0.0, GRAVITY * (-1.0 if 0.0 <= number / RATE - 1.0 < duration
+                                                 else 1.0), 0.0) for number in range(1000)]
+    assert fault(hit)[0] == reason
+
+
+def test_a_contradiction_between_gyro_and_gravity_is_a_fault_until_gravity_has_corrected_it():
+    turned = [(number / RATE, 2.0 if number < RATE else 0.0, 1e-3 * (number % 2), GRAVITY)
+              for number in range(round(6.0 * RATE))]
+    state, faults = ImuPlausibility(), []
+    for reading in turned:
+        state = state.after(*reading, GRAVITY)
+        faults.append(state.fault)
+    start, end = faults.index('imu_turn_rate'), len(faults) - faults[::-1].index('imu_turn_rate')
+    assert set(faults[start:end]) == {'imu_turn_rate'} and end > start + 0.5 * RATE
+    assert not state.fault
 
 
 def test_a_constant_error_of_the_gyro_is_not_a_fault(rolling):
