@@ -40,7 +40,8 @@ class MotorInputs:
                  outputs: MotorOutputs):
         self._outputs = outputs
         self._session, self._clocks, self._logger = session, clocks, node.get_logger()
-        self._publisher = SinglePublisher(node, 'joint_commands')
+        self._publisher, self._imu = (
+            SinglePublisher(node, topic) for topic in ('joint_commands', 'imu'))
         self.imu_refused = 0
         self._received_at = -math.inf  # time of the last message of an engaged e-stop [s]
         subscribe_bytes(node, 'joint_commands', self.command)
@@ -87,7 +88,10 @@ class MotorInputs:
             reading.stamp, -reading.turn_rate[1], reading.force[0], reading.force[2]), 0.0)
 
     def _on_imu(self, message: AnyImu) -> None:
-        self._take_imu(lambda: imu_reading(message, self._clocks))
+        def convert() -> ImuReading:
+            self._imu.name()  # refuses several publishers
+            return imu_reading(message, self._clocks)
+        self._take_imu(convert)
 
     def _take_imu(self, convert: Callable[[], ImuReading], pause: float = REFUSED_PAUSE) -> None:
         try:

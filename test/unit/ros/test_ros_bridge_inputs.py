@@ -4,6 +4,7 @@ import math
 import time
 
 import pytest
+from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState
 from tiers import slow
 
@@ -11,6 +12,7 @@ from ballbot_ros.bridge.supervisor import EStop, StopReason
 from ballbot_ros.imus.source import StampedReading
 from ballbot_ros.nodes.bridge.inputs import REFUSED_PAUSE, RELEASE_DELAY
 from ballbot_ros.nodes.bridge.node import Bridge
+from ballbot_ros.ros import single_publisher
 
 FLOOD = 100
 
@@ -57,6 +59,22 @@ def test_old_readings_of_the_own_port_are_refused_without_a_pause(
     for _ in range(FLOOD):
         node._inputs.imu(StampedReading(old, (0.0, 0.0, 0.0), (0.0, 0.0, 9.81), False))
     assert node._inputs.imu_refused == FLOOD and not any(pauses)
+
+
+def test_imu_readings_of_two_nodes_are_refused(make_node, tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(single_publisher, 'COUNT_PERIOD', 0.0)
+    node = make_node(Bridge, autostart=False, black_box='', port=str(tmp_path / 'nowhere'))
+    taken = []
+    monkeypatch.setattr(node._session, 'imu', taken.append)
+    sensors = []
+    for name in ('sensor_1', 'sensor_2'):
+        sensors.append(make_node(Node, name))
+        sensors[-1].create_publisher(Imu, 'imu', 1)
+        while node.count_publishers('imu') < len(sensors):
+            pass
+        node._inputs._on_imu(reading(0.1))
+    assert len(taken) == node._inputs.imu_refused == 1
+    assert '/sensor_1 and /sensor_2' in capfd.readouterr().err
 
 
 def test_a_release_is_too_early_before_the_bridge_has_received_its_own_e_stop(
