@@ -27,9 +27,9 @@ JOINT_MOTION = 0.1
 # from 1 m with its bounces takes less than 1 s.
 LOWEST_FORCE, HIGHEST_FORCE = 0.5, 2.0
 LONGEST_OUTSIDE = 1.5
-# Time constant with which gravity corrects the angle of the shell [s]: a gyro error of 0.1 rad/s
-# amounts to 1 rad.
-DRIFT_TIME = 10.0
+# Time constant with which gravity corrects the angle of the shell [s]: a gyro error of 0.36 rad/s,
+# which is 3 % of 12 rad/s, amounts to 1.4 rad.
+DRIFT_TIME = 4.0
 # Largest angle between the specific force and gravity by the gyro [rad], and the longest time of a
 # larger one, of an impact [s].
 LARGEST_TILT = 0.5 * math.pi

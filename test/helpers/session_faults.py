@@ -3,6 +3,7 @@
 from contextlib import suppress
 from dataclasses import replace
 import math
+import random
 
 from virtual_robot import STEP
 
@@ -71,6 +72,16 @@ def frozen(velocity, axis=0):
         position = getattr(robot.device, measured).position
         setattr(robot, encoder, lambda true: true._replace(
             position=position, velocity=true.velocity if velocity else 0.0))
+    return plant
+
+
+def scaled_encoder(scale, velocity):
+    """Return a fault: the encoder has another scale, and its velocity another one."""
+    def plant(robot):
+        position = robot.device.sensed.position
+        robot.encoder = lambda true: true._replace(
+            position=position + scale * (true.position - position),
+            velocity=velocity * true.velocity)
     return plant
 
 
@@ -199,6 +210,75 @@ def jumping_encoder(robot):
         position=true.position + 50.0 * math.floor((robot.now - begin) / 0.2))
 
 
+def wrapping_encoder(robot):
+    """Let the encoder count from 0 again after each turn of the shaft."""
+    robot.encoder = lambda true: true._replace(position=math.remainder(true.position, math.tau))
+
+
+def transmitted(share):
+    """Return a fault: motor and gear transmit a share of the torque, negative for reversed."""
+    def plant(robot):
+        robot.transmitted = lambda torque, state: share * torque
+    return plant
+
+
+def blocked_joint(robot):
+    """Hold the joint at its angle by a stiff spring."""
+    angle = robot.plant.state.joint_angle
+    robot.transmitted = lambda torque, state: \
+        torque - 60.0 * (state.joint_angle - angle) - 3.0 * state.joint_rate
+
+
+def kept_torque(robot):
+    """Let the drive keep its torque and ignore all commands."""
+    torque = robot.device.torque()
+    robot.transmitted = lambda *_: torque * robot.joint.gear_ratio * robot.joint.direction
+
+
+def broken_belt(robot):
+    """Break the belt between the encoder and the pendulum: the motor turns its rotor only."""
+    rate, position = robot.plant.state.joint_rate, robot.device.sensed.position
+    scale = robot.joint.gear_ratio * robot.joint.direction
+
+    def turn_rotor(torque, state):
+        nonlocal rate, position
+        rate += STEP * (torque - 0.01 * rate) / (0.4 * robot.session.robot.joint_inertia)
+        position += STEP * scale * rate
+        return 0.0
+    robot.transmitted = turn_rotor
+    robot.encoder = lambda true: true._replace(position=position, velocity=scale * rate)
+
+
+def noisy_line(change, seed=1):
+    """Return a fault: `change` maps each byte, in both directions, to the received bytes."""
+    def plant(robot):
+        rng = random.Random(seed)
+        robot.to_drive = robot.from_drive = lambda data: b''.join(
+            change(byte, rng) if rng.random() < 0.01 else bytes([byte]) for byte in data)
+    return plant
+
+
+def second_node(robot):
+    """Add an idle drive with the same id to the bus, which answers before the first one."""
+    device, other = robot.device, type(robot.device)(robot.device.settings)
+    receive, tick = device.receive, device.tick
+    device.receive = lambda data, now: other.receive(data, now) + receive(data, now)
+
+    def tick_both(now):
+        other.tick(now)
+        tick(now)
+    device.tick = tick_both
+
+
+def slow_bytes(robot):
+    """Let the bytes of each reply arrive one by one, 1 ms apart."""
+    def reply(data, always=False):
+        for byte in robot.device.receive(data, robot.now):
+            last = max([robot.now + robot._delay, *(when for when, _ in robot.waiting)])
+            robot.waiting.append((last + 0.001, bytes([byte])))
+    robot._reply = reply
+
+
 def tripped_drive(robot):
     """Let the current sensor of the drive read too much."""
     robot.device.over_current()
@@ -218,12 +298,18 @@ def requested_stop(robot):
 FAULTS = {
     'e-stop requested': requested_stop,
     'encoder frozen, its velocity too': frozen(False), 'encoder frozen': frozen(True),
-    'encoder reversed': reversed_encoder(False), 'encoder jumps every 0.2 s': jumping_encoder,
+    'encoder reversed': reversed_encoder(False),
+    'encoder with half the scale': scaled_encoder(0.5, 0.5),
+    'encoder with twice the scale': scaled_encoder(2.0, 2.0),
+    'encoder wraps each turn': wrapping_encoder, 'encoder jumps every 0.2 s': jumping_encoder,
+    'motor without torque': transmitted(0.0), 'motor reversed': transmitted(-1.0),
+    'joint blocked': blocked_joint,
     'IMU silent': silent_imu, 'IMU frozen': repeated, 'IMU in degrees per second': in_degrees,
     'IMU in g': in_g, 'IMU upside down': upside_down, 'IMU backwards': mounted_backwards,
     'IMU axes exchanged': exchanged_axes, 'gyro reversed': gyro(lambda rate: -rate),
     'gyro saturated': gyro(lambda rate: max(-0.3, min(rate, 0.3))),
     'gyro with half the scale': gyro(lambda rate: 0.5 * rate),
     'cable unplugged': unplugged, 'no reply arrives': silent_drive,
+    'bytes of replies 1 ms apart': slow_bytes,
     'replies 20 ms later every 0.1 s': growing_latency, 'status not confirmed': lost_status,
     'drive trips': tripped_drive, 'drive reboots': rebooted_drive}

@@ -7,10 +7,11 @@ import random
 import pytest
 from refusals import refused
 from session_faults import (
-    FAULTS, FORWARD, frozen, hold_up, in_degrees, in_g, loop, loop_late, lost_status,
-    mounted_backwards, repeated, reversed_encoder, slow_reader, time_to_zero, upside_down)
+    broken_belt, FAULTS, FORWARD, frozen, hold_up, in_degrees, in_g, kept_torque, loop, loop_late,
+    lost_status, mounted_backwards, noisy_line, repeated, reversed_encoder, scaled_encoder,
+    second_node, slow_reader, time_to_zero, transmitted, upside_down)
 from tiers import pairs, slow
-from virtual_robot import STEP, VirtualRobot
+from virtual_robot import GIMBALL, STEP, VirtualRobot
 
 from ballbot_ros.bridge.motor_state import MotorState, RECONNECT_TIMEOUT
 from ballbot_ros.bridge.supervisor import StopReason
@@ -159,6 +160,76 @@ def test_each_fault_ends_the_torque(protocol, fault):
     robot = VirtualRobot(protocol, onboard='gentle').ready()
     loop(robot, 0.2, FORWARD)
     time_to_zero(robot, FAULTS[fault], 3.0, SetPoint(Mode.SPEED, 0.5))
+
+
+@pytest.mark.parametrize('protocol', ['vesc', *slow('odrive 0.5', 'odrive_can 0.6', 'roboclaw')])
+@pytest.mark.parametrize('fault', [
+    scaled_encoder(1.0, 0.0), scaled_encoder(1.0, 0.5), scaled_encoder(1.0, 2.0),
+    transmitted(0.5), transmitted(3.0), broken_belt], ids=[
+        'velocity 0', 'half the velocity', 'twice the velocity', 'half the torque',
+        'three times the torque', 'broken belt'])
+def test_a_fault_without_an_e_stop_keeps_the_robot_within_its_limits(protocol, fault):
+    robot = VirtualRobot(protocol, onboard='gentle').ready()
+    loop(robot, 0.5, SetPoint(Mode.SPEED, 0.5))
+    fault(robot)
+    robot.history.clear()
+    loop(robot, 4.0, SetPoint(Mode.SPEED, 0.5))
+    states = robot.history.values()
+    assert max(abs(state.pendulum_angle) for state in states) < 1.0
+    assert max(abs(state.ball_rate) for state in states) * GIMBALL.ball_radius < 0.55
+    assert max(abs(state.joint_rate) for state in states) < 5.0
+    assert not robot.session.supervisor.e_stop
+
+
+@pytest.mark.parametrize('protocol', ['vesc', *slow('odrive 0.5', 'odrive_can 0.6', 'roboclaw')])
+def test_a_drive_that_keeps_its_torque_engages_the_e_stop(protocol):
+    robot = VirtualRobot(protocol, onboard='gentle').ready()
+    loop(robot, 0.5, SetPoint(Mode.SPEED, 0.5))
+    assert time_to_zero(robot, kept_torque, 2.0, SetPoint(Mode.SPEED, 0.5)) < 1.0
+    assert robot.session.supervisor.e_stop.reason is StopReason.JOINT_TORQUE
+
+
+@pytest.mark.parametrize('protocol', ['odrive_can 0.5', 'vesc_can', *slow('odrive_can 0.6')])
+def test_two_drives_with_the_same_id_on_a_bus_end_the_torque(protocol):
+    robot = VirtualRobot(protocol, onboard='gentle').ready()
+    loop(robot, 0.5, SetPoint(Mode.SPEED, 0.5))
+    assert time_to_zero(robot, second_node, 2.0, SetPoint(Mode.SPEED, 0.5)) < 0.6
+    assert robot.session.supervisor.e_stop.reason in (
+        StopReason.DISARMED_BY_DRIVE, StopReason.JOINT_TORQUE)
+
+
+@pytest.mark.parametrize('protocol', ['vesc', *slow(*PROTOCOLS[:2], 'roboclaw')])
+def test_another_device_on_the_port_of_the_drive_gets_no_torque(protocol):
+    robot = VirtualRobot(protocol, onboard='gentle', rearm=True).ready()
+    loop(robot, 0.1, FORWARD)
+    robot.plugged = False
+    loop(robot, 0.1, FORWARD)
+    written, noise = [], random.Random(1)
+    robot.plugged, robot.to_drive = True, lambda data: written.append(data) or b''
+    robot.from_drive = lambda data: noise.randbytes(11)
+    loop(robot, 3.0, FORWARD)
+    assert written and robot.session.control.power.state is MotorState.DISCONNECTED
+    assert robot.session.control.counts['armed'] == 1 and not robot.motor
+    assert 'no complete reply' in robot.session.line.trouble
+
+
+@pytest.mark.parametrize('protocol, change', pairs(PROTOCOLS, [
+    lambda byte, rng: b'', lambda byte, rng: bytes([byte, byte]),
+    lambda byte, rng: bytes([byte ^ 1 << rng.randrange(8)]),
+    lambda byte, rng: bytes([byte, rng.randrange(256)])]))
+def test_a_line_that_corrupts_each_hundredth_byte_stops_the_motor_or_does_no_harm(
+        protocol, change):
+    robot = VirtualRobot(protocol, onboard='gentle').ready()
+    loop(robot, 0.5, SetPoint(Mode.SPEED, 0.5))
+    noisy_line(change)(robot)
+    loop(robot, 2.0, SetPoint(Mode.SPEED, 0.5))
+    assert max(abs(state.pendulum_angle) for state in robot.history.values()) < 1.6
+    cause = robot.session.supervisor.e_stop
+    if cause:
+        assert cause.reason in (StopReason.SILENT, StopReason.UNCONFIRMED, StopReason.LOST,
+                                StopReason.DISARMED_BY_DRIVE, StopReason.HAZARD)
+        robot.loop(0.5)
+        assert not any(robot.torques[-100:])
 
 
 def slowly_read(protocol, rate):

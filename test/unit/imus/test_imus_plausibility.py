@@ -67,7 +67,7 @@ def test_a_correct_sensor_is_plausible(rolling):
     (lambda rate, forward, upward: (math.degrees(rate), forward, upward), 'imu_turn_rate', 2.0),
     (lambda rate, forward, upward: (-rate, forward, -upward), 'imu_turn_rate', 6.0),
     (lambda rate, forward, upward: (-rate, forward, upward), 'imu_turn_rate', 4.0),
-    (lambda rate, forward, upward: (0.5 * rate, forward, upward), 'imu_turn_rate', 4.0),
+    (lambda rate, forward, upward: (0.5 * rate, forward, upward), 'imu_turn_rate', 6.0),
     (lambda rate, forward, upward: (max(rate, -0.3), forward, upward), 'imu_turn_rate', 4.0),
     (lambda rate, forward, upward: (rate, -forward, upward), 'imu_turn_rate', 4.0),
     (lambda rate, forward, upward: (1e-3 * forward, 1e-3 * rate, upward), 'imu_turn_rate', 4.0)],
@@ -103,7 +103,7 @@ def test_a_force_below_the_horizontal_is_plausible_during_an_impact_only(duratio
 
 
 def test_a_contradiction_between_gyro_and_gravity_is_a_fault_until_gravity_has_corrected_it():
-    turned = [(number / RATE, 2.0 if number < RATE else 0.0, 1e-3 * (number % 2), GRAVITY)
+    turned = [(number / RATE, 3.0 if number < RATE else 0.0, 1e-3 * (number % 2), GRAVITY)
               for number in range(round(6.0 * RATE))]
     state, faults = ImuPlausibility(), []
     for reading in turned:
@@ -116,6 +116,14 @@ def test_a_contradiction_between_gyro_and_gravity_is_a_fault_until_gravity_has_c
 
 def test_a_constant_error_of_the_gyro_is_not_a_fault(rolling):
     assert fault(rolling, lambda rate, *force: (rate + 0.1, *force)) == ('', math.inf)
+
+
+@pytest.mark.parametrize('scale', [0.97, 1.03])
+def test_the_scale_error_of_a_common_gyro_is_plausible_at_the_highest_speed(scale):
+    rate = 12.0
+    fast = [(number / RATE, scale * rate, GRAVITY * math.sin(rate * number / RATE),
+             GRAVITY * math.cos(rate * number / RATE)) for number in range(round(30.0 * RATE))]
+    assert fault([(*reading, 0.0) for reading in fast], encoder=False) == ('', math.inf)
 
 
 @pytest.mark.parametrize('bias', [-0.1, 0.0, 0.1])
