@@ -115,7 +115,8 @@ def write_file(folder: Path, box: BlackBox, when: float, reason: str,
         os.replace(draft, path)
     finally:
         draft.unlink(missing_ok=True)
-    for old in sorted(folder.glob(PATTERN))[:-MOST_FILES]:
+    # The clock may have been set back: files of the future do not replace the new one.
+    for old in sorted(set(folder.glob(PATTERN)) - {path})[:1 - MOST_FILES]:
         old.unlink(missing_ok=True)
     for old in folder.glob(f'.{PATTERN}.part'):
         with suppress(OSError):

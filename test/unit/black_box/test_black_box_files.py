@@ -310,6 +310,15 @@ def test_the_number_of_files_is_bounded_and_the_newest_are_kept(tmp_path):
     assert (tmp_path / 'mine.txt').exists()
 
 
+def test_a_file_is_kept_although_the_clock_has_been_set_back(tmp_path):
+    later = [tmp_path / f'ballbot-29990101T0000{number:02}.000000Z.mcap'
+             for number in range(MOST_FILES)]
+    for path in later:
+        path.write_bytes(b'')
+    path = write_file(tmp_path, BlackBox(), 0.0, '', {})
+    assert sorted(tmp_path.glob('*.mcap')) == [path, *later[1:]]
+
+
 def test_an_unwritable_folder_is_reported_without_an_error(tmp_path, caplog):
     (tmp_path / 'file').write_text('')
     box = BlackBox()
