@@ -5,10 +5,13 @@ import math
 from typing import NamedTuple
 
 from ballbot_ros.crossing import held_at
-from ballbot_ros.crossing.rules import START_LEAD, touch_distance
+from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.physics import Actuation, load_robot, load_scene, Model, Solver, Terrain
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain import read_terrain
+
+# Lead of the start before the touch [m]; too short for a free ball to change its speed.
+START_LEAD = 0.002
 
 # Constant, so that the scene does not depend on the search [m].
 NEAR_CRITICAL = 0.01983297

@@ -17,8 +17,6 @@ affect the verdict.
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from ballbot_ros.jit import compiled, unlocked
 from ballbot_ros.physics.mechanics.contact import IntArray, slip_lever
 from ballbot_ros.physics.mechanics.equations import energies, System
@@ -29,8 +27,7 @@ from ballbot_ros.physics.model.state import (
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, VERTEX_X, VERTEX_Y
 from ballbot_ros.physics.solvers.integrate import integrate
 from ballbot_ros.physics.solvers.values import (
-    AUTOMATIC, EVALUATIONS, FINISHED, NO_OUTPUT, NOTHING, Options, Output, Status, status_at,
-    Workspace)
+    AUTOMATIC, EVALUATIONS, FINISHED, NOTHING, Options, Output, Status, status_at, Workspace)
 
 OVER, BACK, UNDECIDED = range(3)
 
@@ -69,13 +66,6 @@ class Crossing(NamedTuple):
     workspace: Workspace
     spent: IntArray  # attempts and function evaluations
     last: Array  # height of the last attempt [m], and its end time [s]
-
-    @classmethod
-    def of(cls, course: Course, system: System, budget: int) -> 'Crossing':
-        """Return a copy of the crossing with separate arrays."""
-        return cls(course, system._replace(ground=system.ground.copy()), budget, np.zeros(SIZE),
-                   np.zeros(SIZE), NO_OUTPUT, Workspace.of(VERTICES), np.zeros(2, dtype=np.int64),
-                   np.zeros(2))
 
 
 @compiled

@@ -33,7 +33,7 @@ from ballbot_ros.physics.mechanics.equations import read_actuator, read_paramete
 from ballbot_ros.physics.model.actuation import Actuation, refuse_degrees, set_rate_for_speed
 from ballbot_ros.physics.model.robot import (
     ContactOptions, load_robot, Parameters, Robot, RobotLike)
-from ballbot_ros.physics.model.state import SIZE
+from ballbot_ros.physics.model.state import BALL_RATE, SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.solver import failure, Solver
 from ballbot_ros.physics.solvers.values import (
@@ -43,8 +43,9 @@ ATTEMPT_TOLERANCE = 1e-7  # local error per step in `try_step` [m]
 NEVER = NO_OUTPUT.pause  # number of output rows that no run reaches
 BUDGET = 50_000_000  # function evaluations of one attempt; they take seconds
 
-# Columns of the results of steps that were tried ...
-PASSES, SCORE, TRIED = range(3)  # whether the ball crosses, score [m2/s2], outcome
+# Columns of the results of steps that were tried: whether the ball crosses, score [m2/s2], speed
+# from the rotation of the ball at the verdict [m/s], outcome ...
+PASSES, SCORE, ROLLED, TRIED = range(4)
 # ... and of maximum step heights; see `attempt.find`.
 LOW, HIGH, ERROR, FINE, FOUND = range(5)
 
@@ -59,39 +60,40 @@ ACTUATOR = PARAMETERS + len(Parameters._fields)
 
 
 @compiled
-def crossing_of(row: Array, ground: Array, arrays: PackedArrays) -> Crossing:
+def crossing_of(row: Array, ground: Array, budget: int, arrays: PackedArrays) -> Crossing:
     """Return the crossing of a row, on its ground (4, 7), with the arrays of a thread."""
     state, before, last, spent, rows, workspace = arrays
     return Crossing(
         read_course(row, 0),
         System(read_parameters(row, PARAMETERS), ground, read_actuator(row, ACTUATOR)),
-        BUDGET, state, before, Output(rows, 0.0, 1.0, NEVER), unpack_workspace(workspace), spent,
+        budget, state, before, Output(rows, 0.0, 1.0, NEVER), unpack_workspace(workspace), spent,
         last)
 
 
 @unlocked
-def try_rows(rows: Array, grounds: Array, heights: Array, tolerance: float, results: Array,
-             arrays: PackedArrays) -> None:
+def try_rows(rows: Array, grounds: Array, heights: Array, tolerance: float, budget: int,
+             results: Array, arrays: PackedArrays) -> None:
     """
     Try a step with each crossing, at heights (n,) [m]; for the tolerance see `attempt`.
 
     The rows have the fields of Course, Parameters and Actuator, concatenated; the heights
-    of the grounds, (n, 4, 7), and the results, (n, 3), are written.
+    of the grounds, (n, 4, 7), and the results, (n, 4), are written.
     """
     for i in range(len(rows)):
-        verdict, score, outcome = attempt(
-            heights[i], tolerance, crossing_of(rows[i], grounds[i], arrays))
+        crossing = crossing_of(rows[i], grounds[i], budget, arrays)
+        verdict, score, outcome = attempt(heights[i], tolerance, crossing)
         results[i, PASSES] = 1.0 if verdict == OVER else 0.0
         results[i, SCORE] = score
+        results[i, ROLLED] = -crossing.system.parameters.radius * crossing.state[BALL_RATE]
         results[i, TRIED] = outcome
 
 
 @unlocked
-def find_rows(rows: Array, grounds: Array, accuracy: float, results: Array,
+def find_rows(rows: Array, grounds: Array, accuracy: float, budget: int, results: Array,
               arrays: PackedArrays) -> None:
     """Find the maximum step height of each crossing to an accuracy [m]; see `try_rows`."""
     for i in range(len(rows)):
-        crossing = crossing_of(rows[i], grounds[i], arrays)
+        crossing = crossing_of(rows[i], grounds[i], budget, arrays)
         crossing.spent[:] = 0
         low, high, error, tolerance, outcome = find(accuracy, crossing)
         results[i, LOW], results[i, HIGH], results[i, ERROR] = low, high, error
@@ -130,16 +132,16 @@ class Crossings(NamedTuple):
                    *actuation.actuators(robot, 0.0, pendulum_angle))
         return cls(table(numbers, number), site.grounds(robot, number))
 
-    def tried(self, heights: Array, tolerance: float) -> Array:
+    def tried(self, heights: Array, tolerance: float, budget: int = BUDGET) -> Array:
         """Return the results at a step of each height [m]; see `try_rows`."""
-        results = np.empty((len(self.rows), 3))
-        direct(try_rows)(*self, heights, tolerance, results, WORKSPACE.packed)
+        results = np.empty((len(self.rows), 4))
+        direct(try_rows)(*self, heights, tolerance, budget, results, WORKSPACE.packed)
         return results
 
     def found(self, accuracy: float) -> Array:
         """Return the maximum step heights to an accuracy [m]; see `find_rows`."""
         results = np.empty((len(self.rows), 5))
-        direct(find_rows)(*self, accuracy, results, WORKSPACE.packed)
+        direct(find_rows)(*self, accuracy, BUDGET, results, WORKSPACE.packed)
         return results
 
 
@@ -248,7 +250,7 @@ def try_step(robot: RobotLike, speed: float, height: float, actuation: Actuation
 
 def _try(height: float, tolerance: float, crossing: Crossings) -> Tuple[bool, float]:
     """Return whether the ball gets over, and the score."""
-    passes, score, outcome = crossing.tried(np.array([height]), tolerance)[0].tolist()
+    passes, score, _, outcome = crossing.tried(np.array([height]), tolerance)[0].tolist()
     _check(outcome, tolerance)
     return passes > 0.0, score
 

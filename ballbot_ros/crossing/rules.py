@@ -27,11 +27,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.jit import in_python
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.physics.model.terrain import Array, friction_coefficient, Terrain
-
-# Lead of the start before the touch, in programs that cannot start with the touch itself [m]; too
-# short for a free ball to change its speed, and for a driven one to change it much.
-START_LEAD = 0.002
+from ballbot_ros.physics.model.terrain import Array, friction_coefficient
 
 SLOPE_MAX = math.radians(80.0)
 
@@ -63,16 +59,6 @@ class Site(Checked):
         'coefficient of friction of the edge', optional=True)
     friction_behind: Optional[float] = friction_coefficient(
         'coefficient of friction of the ground behind the step', optional=True)
-
-    def terrain(self, height: float) -> Terrain:
-        """Return the ground with a step of some height [m]."""
-        before, behind = self.slope_before, self.slope_behind
-        floor, edge, upper = (math.nan if value is None else value for value in (
-            self.friction_before, self.friction_edge, self.friction_behind))
-        return Terrain(
-            [[-math.cos(before), -math.sin(before)], [0.0, 0.0], [0.0, height],
-             [math.cos(behind), height + math.sin(behind)]],
-            [floor, math.nan, upper], [math.nan, math.nan, edge, math.nan])
 
     def profile(self, robot: Robot, height: float = 1.0) -> Array:
         """Return the ground in the format of the kernels, (4, 7)."""

@@ -11,7 +11,8 @@ import numpy as np
 
 from ballbot_ros.crossing import held_at, Rules, Site
 from ballbot_ros.crossing.attempt import place, RETREAT
-from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, Solver, State
+from ballbot_ros.physics import (
+    Actuation, ContactOptions, load_robot, Model, Solver, State, Terrain)
 from ballbot_ros.physics.simulation.run import run_once
 
 # Robot and actuation of the documented maximum step heights.
@@ -24,10 +25,21 @@ CASES = {
 FIRST_LIMITS = (0.5, 1.5)
 
 
+def terrain_of(site, height):
+    """Return the ground of a site with a step of some height [m]."""
+    before, behind = site.slope_before, site.slope_behind
+    floor, edge, upper = (math.nan if value is None else value for value in (
+        site.friction_before, site.friction_edge, site.friction_behind))
+    return Terrain(
+        [[-math.cos(before), -math.sin(before)], [0.0, 0.0], [0.0, height],
+         [math.cos(behind), height + math.sin(behind)]],
+        [floor, math.nan, upper], [math.nan, math.nan, edge, math.nan])
+
+
 def crosses(robot, speed, height, actuation=Actuation(), options=ContactOptions(),
             solver=Solver(), site=Site(), rules=Rules()):
     """Return whether the ball crosses a step [m] at a collision speed [m/s]."""
-    model = Model(robot, site.terrain(height), options, solver)
+    model = Model(robot, terrain_of(site, height), options, solver)
     vector = np.array(State()[1:])
     touch_x = place(vector, rules.course(speed, actuation.start_angle), model.parameters,
                     model.profile)

@@ -14,19 +14,19 @@ import math
 from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ballbot_ros.crossing.attempt import attempt, Course, Crossing, LEAST
-from ballbot_ros.crossing.rules import held_at, Site
+from ballbot_ros.crossing.attempt import LEAST
+from ballbot_ros.crossing.max_step_height import (
+    ACTUATOR, Crossings, PARAMETERS, ROLLED, SCORE, TRIED)
+from ballbot_ros.crossing.rules import held_at, Rules, Site
 from ballbot_ros.decision.learning.outcomes import Outcome
 from ballbot_ros.decision.learning.particles import (
     EDGE_FRICTION, HEIGHT_BIAS, Particles, SURFACE_FRICTION)
-from ballbot_ros.jit import unlocked
-from ballbot_ros.physics.mechanics.equations import read_parameters, System
 from ballbot_ros.physics.model.actuation import Actuation, Actuator
-from ballbot_ros.physics.model.robot import ContactOptions, Parameters, Robot
-from ballbot_ros.physics.model.state import BALL_RATE
-from ballbot_ros.physics.model.terrain import (
-    Array, EDGE_FRICTION as EDGE_COLUMN, SURFACE_FRICTION as SURFACE_COLUMN)
+from ballbot_ros.physics.model.robot import (
+    ContactOptions, Parameters, Robot, with_parameters)
+from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers.values import FINISHED
 
 # Local error per step of an attempt [m], and its maximum function evaluations and time [s].
@@ -65,46 +65,6 @@ class Touching(NamedTuple):
                    set_angle, outcome.slope)
 
 
-@unlocked
-def write_scores(begin: int, end: int, rows: Array, heights: Array, frictions: Array,
-                 scores: Array, tolerance: float, crossing: Crossing) -> None:
-    """
-    Write scores and final speeds of attempts with robots begin to end - 1.
-
-    Parameters
-    ----------
-    begin, end : int
-    rows : (n, 15) array
-        `Parameters` of each robot.
-    heights : (n,) array
-        Heights of the steps [m].
-    frictions : (n, 2) array
-        Friction coefficients of surface and edge.
-    scores : (n, 2) array
-        Written: score [m2/s2], and speed from the rotation of the ball at the verdict [m/s]; the
-        score is NaN where an attempt failed.
-    tolerance : float
-        See `attempt`.
-    crossing : Crossing
-        Other conditions, and work arrays.
-
-    """
-    system, ground, old = crossing.system, crossing.system.ground, crossing.system.actuator
-    for i in range(begin, end):
-        for vertex in range(len(ground)):
-            ground[vertex, SURFACE_COLUMN] = frictions[i, 0]
-            ground[vertex, EDGE_COLUMN] = frictions[i, 1]
-        robot = read_parameters(rows[i], 0)
-        motor = Actuator(old.law, old.set_value, old.kp, old.kd_or_ki,
-                         robot.pendulum_moment * robot.gravity, old.limit, 0.0, 0.0)
-        _, score, outcome = attempt(heights[i], tolerance, Crossing(
-            crossing.course, System(robot, system.ground, motor), crossing.budget,
-            crossing.state, crossing.before, crossing.output, crossing.workspace,
-            crossing.spent, crossing.last))
-        scores[i, 0] = score if outcome == FINISHED else math.nan
-        scores[i, 1] = -robot.radius * crossing.state[BALL_RATE]
-
-
 class Chances:
     """Success probability at a step for each particle, computed in portions."""
 
@@ -115,29 +75,27 @@ class Chances:
         friction = np.column_stack([particles.column(name)
                                     for name in (SURFACE_FRICTION, EDGE_FRICTION)])
         # Four additional rows: the mean robot on a higher and a lower step, faster and slower.
-        self._rows = np.vstack([particles.rows, np.tile(mean, (4, 1))])
-        self._frictions = np.vstack([friction,
-                                     np.tile(particles.weights @ friction, (4, 1))])
         heights = touching.height - particles.column(HEIGHT_BIAS)
         middle = touching.height - particles.mean(HEIGHT_BIAS)
         self._heights = np.maximum(np.concatenate([
             heights, middle + np.array([HEIGHT_STEP, -HEIGHT_STEP, 0.0, 0.0])]), 1e-4)
         self._scores = np.full((len(self._heights), 2), np.nan)
         self._done = 0
-        self._crossings = [_crossing(particles.robot, touching, touching.speed * factor)
-                           for factor in (1.0, 1.0 + SPEED_STEP, 1.0 - SPEED_STEP)]
+        speeds = np.full(len(self._heights), touching.speed)
+        speeds[-2:] *= 1.0 + SPEED_STEP, 1.0 - SPEED_STEP
+        self._crossings = _crossings(
+            particles.robot, touching, speeds, np.vstack([particles.rows, np.tile(mean, (4, 1))]),
+            np.vstack([friction, np.tile(particles.weights @ friction, (4, 1))]))
 
     def advance(self, attempts: Optional[int] = None) -> bool:
         """Run some attempts, all by default; return whether all have been run."""
         number = len(self._scores)
         end = number if attempts is None else min(number, self._done + attempts)
-        while self._done < end:
-            # The last two differ in speed.
-            special = max(0, self._done - (number - 3))
-            last = min(end, number - 2) if special == 0 else self._done + 1
-            write_scores(self._done, last, self._rows, self._heights, self._frictions,
-                         self._scores, SOLVER_TOLERANCE, self._crossings[special])
-            self._done = last
+        part = slice(self._done, end)
+        self._scores[part] = _scores(
+            Crossings(self._crossings.rows[part], self._crossings.grounds[part]),
+            self._heights[part])
+        self._done = end
         return self._done == number
 
     def probabilities(self) -> Array:
@@ -178,24 +136,51 @@ class Chances:
             per_speed * SPEED_SD), LEAST)
 
 
-def _crossing(robot: Robot, touching: Touching, speed: float) -> Crossing:
-    actuation = held_at(touching.set_angle) if robot.has_pendulum else Actuation()
-    return Crossing.of(
+def _crossings(robot: Robot, touching: Touching, speeds: ArrayLike, rows: Array,
+               frictions: Array) -> Crossings:
+    """
+    Return attempts at speeds [m/s] by robots that differ in parameters and friction.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its motor is that of all robots.
+    touching : Touching
+    speeds : (n,) array_like
+    rows : (n, 17) array
+        `Parameters` of each robot.
+    frictions : (n, 2) array
+        Friction coefficients of surface and edge.
+
+    """
+    ground = with_parameters(robot, {SURFACE_FRICTION: frictions[:, 0],
+                                     EDGE_FRICTION: frictions[:, 1]})
+    crossings = Crossings.of(
+        len(rows), ground, speeds, touching.angle,
+        held_at(touching.set_angle) if robot.has_pendulum else Actuation(),
+        Site(slope_before=touching.slope, slope_behind=touching.slope),
         # Up to the edge: the outcome reports the speed past the face.
-        Course(speed, touching.angle, 0.0, 1.0, ATTEMPT_TIME_MAX, 0.0),
-        System(Parameters(*([0.0] * len(Parameters._fields))),
-               Site(slope_before=touching.slope, slope_behind=touching.slope).profile(robot),
-               actuation.actuator(robot, 0.0, touching.angle)), EVALUATIONS_MAX)
+        Rules(time_limit=ATTEMPT_TIME_MAX))
+    crossings.rows[:, PARAMETERS:ACTUATOR] = rows
+    crossings.rows[:, ACTUATOR + Actuator._fields.index('gravity_torque')] = (
+        rows[:, Parameters._fields.index('pendulum_moment')]
+        * rows[:, Parameters._fields.index('gravity')])
+    return crossings
+
+
+def _scores(crossings: Crossings, heights: Array) -> Array:
+    """Return score [m2/s2] and final speed [m/s], (n, 2), at steps; NaN for failed attempts."""
+    results = crossings.tried(heights, SOLVER_TOLERANCE, EVALUATIONS_MAX)
+    results[results[:, TRIED] != FINISHED, SCORE] = np.nan
+    return results[:, [SCORE, ROLLED]]
 
 
 def score_of(robot: Robot, touching: Touching) -> Tuple[float, float]:
-    """Return score and final speed of one attempt of a robot, see `write_scores`."""
-    scores = np.zeros((1, 2))
-    write_scores(
-        0, 1, np.array([Parameters.of(robot, ContactOptions())[:]]), np.array([touching.height]),
-        np.array([[robot.surface_friction, robot.edge_friction]]), scores, SOLVER_TOLERANCE,
-        _crossing(robot, touching, touching.speed))
-    return float(scores[0, 0]), float(scores[0, 1])
+    """Return score [m2/s2] and final speed [m/s] of one attempt of a robot."""
+    (score, speed), = _scores(_crossings(
+        robot, touching, touching.speed, np.array([Parameters.of(robot, ContactOptions())]),
+        np.array([[robot.surface_friction, robot.edge_friction]])), np.array([touching.height]))
+    return float(score), float(speed)
 
 
 def probability(particles: Particles, touching: Touching) -> float:

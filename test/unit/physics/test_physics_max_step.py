@@ -4,20 +4,19 @@ from dataclasses import replace
 import math
 import threading
 
+from crossing_cases import crossing_of
 import numpy as np
 import pytest
-from reference_search import crosses, highest_step
+from reference_search import crosses, highest_step, terrain_of
 from refusals import refused
 from tiers import slow
 
 from ballbot_ros.crossing import (
     cruising, held_at, max_step_height, max_step_heights, rolling, Rules, Site)
-from ballbot_ros.crossing.attempt import (
-    attempt, BACK, Course, Crossing, OVER, peak, place, UNDECIDED)
+from ballbot_ros.crossing.attempt import attempt, BACK, Course, OVER, peak, place, UNDECIDED
 from ballbot_ros.errors import SimulationError
 from ballbot_ros.physics import (
     Actuation, ContactOptions, load_robot, Model, simulate, Solver, State)
-from ballbot_ros.physics.mechanics.equations import System
 from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import SIZE
 
@@ -96,12 +95,6 @@ def test_slopes_and_frictions_change_the_height_in_the_expected_direction():
     assert height(friction_before=0.22, friction_behind=0.22, friction_edge=0.144) == plain
 
 
-def crossing_of(speed, actuation=Actuation(), rules=Rules()):
-    """Return the crossing of the default site by GIMball."""
-    return Crossing.of(rules.course(speed, actuation.set_angle), System(
-        PARAMETERS, Site().profile(GIMBALL), actuation.actuator(GIMBALL)), 10**8)
-
-
 @pytest.mark.slow
 def test_attempts_without_a_motor_end_early_with_the_same_verdict():
     # A motor with zero torque gives the same motion but disables the energy criterion.
@@ -109,7 +102,7 @@ def test_attempts_without_a_motor_end_early_with_the_same_verdict():
         threshold = max_step_height(GIMBALL, speed).height
         times = []
         for law in (Actuation(), Actuation('torque', torque=0.0)):
-            crossing = crossing_of(speed, law)
+            crossing = crossing_of(GIMBALL, speed, law)
             ends = []
             for share in np.linspace(0.05, 2.5, 80):
                 verdict, score, _ = attempt(share * threshold, 1e-8, crossing)
@@ -133,7 +126,7 @@ def test_the_ball_starts_at_its_first_touch_with_the_collision_speed():
             assert math.hypot(start.x, start.y - nearest) == pytest.approx(0.226, rel=1e-12)
             assert math.hypot(start.velocity_x, start.velocity_y) == pytest.approx(0.8)
             assert math.atan2(start.velocity_y, start.velocity_x) == pytest.approx(before)
-            model = Model(GIMBALL, Site(slope_before=before).terrain(height))
+            model = Model(GIMBALL, terrain_of(Site(slope_before=before), height))
             # All contacts except the floor contact are at zero penetration within rounding.
             floor = max(model.touches(start), key=lambda touch: touch.penetration)
             assert floor.normal_force == pytest.approx(
@@ -144,9 +137,10 @@ def test_the_ball_starts_at_its_first_touch_with_the_collision_speed():
 @pytest.mark.slow
 def test_the_verdict_agrees_with_a_complete_run():
     for height, verdict in ((0.015, OVER), (0.025, BACK)):
-        found, _, _ = attempt(height, 1e-8, crossing_of(0.6))
+        found, _, _ = attempt(height, 1e-8, crossing_of(GIMBALL, 0.6))
         assert found == verdict
-        model = Model(GIMBALL, Site().terrain(height), solver=Solver('adaptive', tolerance=1e-8))
+        model = Model(GIMBALL, terrain_of(Site(), height),
+                      solver=Solver('adaptive', tolerance=1e-8))
         start = np.zeros(SIZE)
         place(start, Rules().course(0.6, 0.0), PARAMETERS, model.profile)
         run = simulate(model, State(0.0, *start), Actuation(), 1.0)
@@ -171,7 +165,8 @@ def test_a_bouncing_ball_whose_later_attempts_count_is_reported_as_not_monotone(
 
 
 def test_a_ball_that_keeps_pressing_against_the_step_has_failed():
-    crossing = crossing_of(0.05, held_at(math.pi / 2), Rules(time_limit=1.0))
+    crossing = crossing_of(
+        GIMBALL, 0.05, held_at(math.pi / 2), rules=Rules(time_limit=1.0))
     verdict, score, _ = attempt(0.005, 1e-8, crossing)
     assert verdict == UNDECIDED and score < 0.0
     assert crossing.last[1] == pytest.approx(1.0)
@@ -195,7 +190,7 @@ def test_the_number_of_threads_does_not_change_the_result():
 
 
 def test_the_cruising_voltage_rolls_the_ball_at_its_speed():
-    model = Model(GIMBALL, Site().terrain(0.05))
+    model = Model(GIMBALL, terrain_of(Site(), 0.05))
     law = cruising(GIMBALL)(0.6)
     run = simulate(model, model.at_rest(-3.0, 0.6), law, 3.0)
     # The rolling radius is the radius less the penetration.

@@ -2,16 +2,15 @@
 """The rules for a completed crossing: past the edge or clear of it."""
 import math
 
+from crossing_cases import crossing_of
 import numpy as np
 import pytest
-from reference_search import highest_step
+from reference_search import highest_step, terrain_of
 from refusals import refused
 
 from ballbot_ros.crossing import held_at, max_step_height, rolling, Rules, Site
-from ballbot_ros.crossing.attempt import attempt, Crossing, OVER
-from ballbot_ros.physics import Actuation, ContactOptions, load_robot
-from ballbot_ros.physics.mechanics.equations import System
-from ballbot_ros.physics.model.robot import Parameters
+from ballbot_ros.crossing.attempt import attempt, OVER
+from ballbot_ros.physics import Actuation, load_robot
 
 GIMBALL, SHELLBALL = load_robot('gimball'), load_robot('shellball')
 RISE = Site(slope_behind=0.05)
@@ -24,7 +23,7 @@ CLEAR = Rules(over='clear')
 @pytest.mark.parametrize('height', [1e-3, 0.03, 1.0])
 def test_the_profile_of_a_site_equals_that_of_its_terrain(site, height):
     robot = GIMBALL
-    expected = site.terrain(height).profile(robot.surface_friction, robot.edge_friction)
+    expected = terrain_of(site, height).profile(robot.surface_friction, robot.edge_friction)
     assert site.profile(robot, height) == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
@@ -60,9 +59,7 @@ def test_an_attempt_ends_early_only_if_the_ball_cannot_clear_the_edge():
         shares = np.concatenate([np.linspace(0.1, 2.0, 12), [0.99, 0.999, 1.003, 1.01]])
         verdicts = []
         for law in (Actuation(), Actuation('torque', torque=0.0)):
-            crossing = Crossing.of(CLEAR.course(0.7, 0.0), System(
-                Parameters.of(GIMBALL, ContactOptions()), site.profile(GIMBALL),
-                law.actuator(GIMBALL)), 10**8)
+            crossing = crossing_of(GIMBALL, 0.7, law, site, CLEAR)
             results = [attempt(share * middle, 1e-8, crossing) for share in shares.tolist()]
             assert all((score > 0.0) == (verdict == OVER) for verdict, score, _ in results)
             verdicts.append([verdict == OVER for verdict, _, _ in results])

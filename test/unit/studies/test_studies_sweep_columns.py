@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from reference_search import terrain_of
 from refusals import refused
 
 from ballbot_ros.config.fields import changed
@@ -156,5 +157,5 @@ def test_a_table_repeats_numbers_in_each_row_and_contains_columns():
     Site(), Site(0.2, -0.3), Site(-math.pi / 3.0, math.pi / 3.0, 0.1, 0.2, 0.3)])
 def test_the_terrain_profile_of_the_kernels_agrees_with_the_simulation(site):
     for robot in (GIMBALL, SHELLBALL):
-        terrain = site.terrain(1.0).profile(robot.surface_friction, robot.edge_friction)
+        terrain = terrain_of(site, 1.0).profile(robot.surface_friction, robot.edge_friction)
         np.testing.assert_allclose(site.profile(robot), terrain, rtol=0.0, atol=3e-16)
