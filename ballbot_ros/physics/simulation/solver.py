@@ -30,7 +30,6 @@ class Method(NamedTuple):
     """A method and its description for users."""
 
     advance: Callable[[Packed], Packed]  # see `solvers`
-    order: int
     evaluations: int = 0  # of the right-hand side per step, for fixed-step methods
     steps: int = AUTOMATIC  # number of the step of the adaptive method
     flies: bool = False  # whether it may compute flights in closed form
@@ -44,13 +43,12 @@ class Method(NamedTuple):
 
 
 METHODS: dict[str, Method] = {
-    'semi_implicit': Method(semi_implicit.advance, semi_implicit.ORDER,
-                            semi_implicit.EVALUATIONS, step=True),
-    'rk4': Method(rk4.advance, rk4.ORDER, rk4.EVALUATIONS, step=True),
-    'adaptive': Method(integrate.advance, 5, flies=True, tolerance=True),
-    **{name: Method(integrate.advance, item.ORDER, steps=number, flies=True, tolerance=True)
-       for number, (name, item) in enumerate(STEP_METHODS.items())},
-    'trapezoidal': Method(trapezoidal.advance, 2, tolerance=True, step=True),
+    'semi_implicit': Method(semi_implicit.advance, semi_implicit.EVALUATIONS, step=True),
+    'rk4': Method(rk4.advance, rk4.EVALUATIONS, step=True),
+    'adaptive': Method(integrate.advance, flies=True, tolerance=True),
+    **{name: Method(integrate.advance, steps=number, flies=True, tolerance=True)
+       for number, name in enumerate(STEP_METHODS)},
+    'trapezoidal': Method(trapezoidal.advance, tolerance=True, step=True),
 }
 
 

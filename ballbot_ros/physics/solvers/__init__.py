@@ -17,13 +17,13 @@ types are those of `values`; right-hand sides are `mechanics.equations.derivativ
 `mode_derivative` of a frozen mode.  To add a solver, copy ``rk4.py``, and add its line to
 `simulation.solver.METHODS`.
 
-**A step of the adaptive method is a file with three functions and two constants**
+**A step of the adaptive method is a file with three functions and a constant**
 (`dormand_prince`, `rodas5p`), entered in `controller.STEP_METHODS`::
 
     step(time, state, size, ready, system, workspace) -> stiffness, ready
     prepare_dense(size, workspace)
     end_step(workspace) -> ready
-    ORDER, DAMPS
+    DAMPS
 
 `step` writes the motion after `size` seconds to END and its estimated error, proportional to the
 fifth power of the size, to ERROR.  `ready` is the content of the workspace at the start state

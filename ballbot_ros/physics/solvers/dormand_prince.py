@@ -22,7 +22,6 @@ from ballbot_ros.physics.solvers.values import (
     ALONE, EVALUATIONS, MOTION, NOTHING, RATES, STABLE, sum_rows, WIDTH, Workspace)
 
 STAGES = 7
-ORDER = 5
 DAMPS = False
 
 # Coefficients of the pair; the last row of A is the solution of order 5 (first same as last).

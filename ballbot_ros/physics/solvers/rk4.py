@@ -12,7 +12,6 @@ from ballbot_ros.physics.solvers import values
 from ballbot_ros.physics.solvers.fixed_step import loop_of
 from ballbot_ros.physics.solvers.values import WIDTH, Workspace
 
-ORDER = 4
 EVALUATIONS = 4  # of the right-hand side, for each step
 
 

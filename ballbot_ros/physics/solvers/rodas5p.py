@@ -29,7 +29,6 @@ from ballbot_ros.physics.solvers.values import (
     ALONE, EVALUATIONS, JACOBIAN, MOTION, NOTHING, STABLE, sum_rows, WIDTH, Workspace)
 
 STAGES = 8
-ORDER = 5
 DAMPS = True
 VELOCITIES = 4
 

@@ -36,14 +36,14 @@ def end_state(name, method, steps):
     return np.array(model.advance(start, actuation.actuator(robot, 0.0, 0.3), steps)[1:9])
 
 
-@pytest.mark.parametrize('method', FIXED)
+@pytest.mark.parametrize('method, order', [('semi_implicit', 1.0), ('rk4', 4.0)])
 @pytest.mark.parametrize('name', SMOOTH)
-def test_the_measured_order_equals_the_stated_order(name, method):
+def test_a_fixed_step_method_has_its_theoretical_order(name, method, order):
     counts = [400, 800, 1600] if method == 'rk4' else [8000, 16000, 32000]
     truth = end_state(name, 'rk4', 20000)
     errors = [np.abs(end_state(name, method, count) - truth).max() for count in counts]
     orders = -np.diff(np.log2(errors))
-    assert orders == pytest.approx(METHODS[method].order, abs=0.15)
+    assert orders == pytest.approx(order, abs=0.15)
 
 
 def bounced(method, step, drop):
