@@ -135,9 +135,12 @@ class Model:
 
     def _spring_force(self, x: float, y: float) -> tuple[float, float]:
         """Return the contact force on a ball at rest with its centre at (x, y) [N]."""
-        force_x, force_y, *_ = contact.contact_loads(
-            np.array(State(x=x, y=y)[1:]), self.parameters, self.profile, self._contacts)
-        return float(force_x), float(force_y)
+        table = self._contacts[:contact.find_contacts(
+            x, y, self.robot.ball_radius, self.profile, self._contacts)]
+        # The spring alone: without velocity there is neither damping nor friction.
+        force = self.parameters.stiffness * table[:, contact.PENETRATION]
+        force[table[:, contact.KIND] == contact.CORNER] *= -1.0
+        return float(force @ table[:, contact.NORMAL_X]), float(force @ table[:, contact.NORMAL_Y])
 
     def check_start(self, state: State) -> None:
         """
@@ -171,7 +174,8 @@ class Model:
                 'and start (initial) towards x = 0, y = 0, or ask for less accuracy',
                 PlausibilityWarning, stacklevel=3)
         force = math.hypot(*self._spring_force(state.x, state.y))
-        impact = 2.0 * self.parameters.stiffness * self.energies(state).kinetic
+        impact = 2.0 * self.parameters.stiffness * equations.kinetic_energy(
+            np.array(state[1:]), self.parameters)
         if force > weight + math.sqrt(weight * weight + impact):
             deepest = max(self.touches(state), key=lambda touch: touch.penetration)
             warnings.warn(
