@@ -15,11 +15,12 @@ from typing import Mapping, Tuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ballbot_ros.crossing.rules import table
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.robot import ContactOptions, Parameters, Robot
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.model.uncertainty import (
-    changed, independent, ranges, rows_of_parameters, spread_points, uncertain)
+    changed, independent, ranges, spread_points, uncertain)
 
 # Columns present in every particle set, independent of the ranges in the robot file.
 SURFACE_FRICTION, EDGE_FRICTION, HEIGHT_BIAS = 'surface_friction', 'edge_friction', 'height_bias'
@@ -58,7 +59,7 @@ class Particles:
         Bounds of the values.
     first : (N, k) array
         Values of the prior.
-    rows : (N, 15) array
+    rows : (N, 17) array
         `Parameters` of each robot.
     outcomes : int
         Number of outcomes in the weights.
@@ -214,7 +215,7 @@ class Particles:
 def _rows(robot: Robot, names: Tuple[str, ...], values: Array) -> Array:
     columns: Mapping[str, Array] = {
         name: column for name, column in zip(names, values.T) if name != HEIGHT_BIAS}
-    return _fixed(rows_of_parameters(robot, columns, len(values)))
+    return _fixed(table(Parameters.of(changed(robot, columns), ContactOptions()), len(values)))
 
 
 def _fixed(array: Array) -> Array:

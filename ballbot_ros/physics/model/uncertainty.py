@@ -9,14 +9,12 @@ prints it), but not the split.
 The points equal those of ``scipy.stats.qmc.Sobol``, scrambled, whose import would take most of a
 second at each start of a decision node.
 """
-from copy import copy
-from typing import Dict, List, Mapping, Tuple, TypeVar
+from typing import Any, Dict, List, Mapping, Tuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.physics.model.robot import (
-    ContactOptions, Parameters, Robot, with_parameters)
+from ballbot_ros.physics.model.robot import Robot, with_parameters
 from ballbot_ros.physics.model.terrain import Array
 
 # Joe and Kuo 2008, Constructing Sobol sequences with better two-dimensional projections: the
@@ -75,7 +73,6 @@ def _directions(polynomial: int, first: Tuple[int, ...]) -> Bits:
 
 MASSES = ('pendulum_mass', 'ball_mass')
 Ends = TypeVar('Ends')
-Number = TypeVar('Number', float, Array)
 
 
 def ranges(robot: Robot) -> Dict[str, Tuple[float, float]]:
@@ -96,36 +93,18 @@ def independent(found: Mapping[str, Ends]) -> Dict[str, Ends]:
             if name != 'ball_mass' or 'pendulum_mass' not in found}
 
 
-def changed(robot: Robot, values: Mapping[str, float]) -> Robot:
+def changed(robot: Robot, values: Mapping[str, Any]) -> Robot:
     """
-    Return a robot with other parameters, see `with_parameters`.
+    Return a robot with other parameters, or with columns, see `with_parameters`.
 
     If both masses are uncertain and one is changed, the other is changed to keep their sum.
     """
-    return with_parameters(robot, _with_both_masses(robot, values))
-
-
-def _with_both_masses(robot: Robot, values: Mapping[str, Number]) -> Dict[str, Number]:
     change = dict(values)
     given = [name for name in MASSES if name in values]
     if len(given) == 1 and set(MASSES) <= set(ranges(robot)):
         other, = set(MASSES) - set(given)
         change[other] = robot.total_mass - values[given[0]]
-    return change
-
-
-def rows_of_parameters(robot: Robot, values: Mapping[str, Array], number: int,
-                       options: ContactOptions = ContactOptions()) -> Array:
-    """
-    Return the `Parameters` of many robots, (number, ...): those of `changed`, but unchecked.
-
-    `values` has a column for each name of a field of the robot, SI.
-    """
-    # Sums and products also work on arrays; one Robot per row would take a hundred times as long.
-    many = copy(robot)
-    vars(many).update(_with_both_masses(robot, values))
-    columns = Parameters.of(many, options)
-    return np.column_stack([np.broadcast_to(column, number) for column in columns])
+    return with_parameters(robot, change)
 
 
 def spread_points(dimensions: int, count: int, seed: int) -> Array:
