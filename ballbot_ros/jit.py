@@ -334,28 +334,6 @@ def _generated(cls: Any, verb: str, source: str, names: List[Any]) -> Any:
     return compiled(cast(Any, space[name]))
 
 
-def with_globals(function: F, owner: Callable[..., Any], **names: Any) -> F:
-    """
-    Return an uncompiled copy of a function with additional or replaced global names.
-
-    numba does not cache a kernel that receives another kernel as an argument or in a closure.
-
-    Parameters
-    ----------
-    function : function
-    owner : kernel
-        The copy belongs to its module.
-    names
-        Added to the globals of the function.
-
-    """
-    made = FunctionType(function.__code__, {
-        **function.__globals__, '__name__': owner.__module__, **names}, function.__name__)
-    made.__qualname__ = f'{owner.__module__.rpartition(".")[2]}{function.__name__}'
-    made.__doc__ = function.__doc__
-    return cast(F, made)
-
-
 def direct(kernel: F) -> F:
     """
     Return the machine code of a kernel, for calls with the types that it was compiled for.

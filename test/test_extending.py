@@ -90,15 +90,14 @@ def house(tmp_path):
     return House(tmp_path)
 
 
-def test_a_solver_needs_a_file_and_a_line(house):
+def test_a_fixed_step_method_needs_a_file_and_a_line(house):
     house.copy('physics/solvers/rk4.py', 'physics/solvers/midpoint.py')
     house.change('physics/solvers/midpoint.py',
                  (r'EVALUATIONS = 4', 'EVALUATIONS = 2'),
-                 (r'    work, contacts, first = .*?(?=\n\n\nadvance)', MIDPOINT.rstrip()))
-    house.change('physics/simulation/solver.py',
-                 (r'import integrate,', 'import integrate, midpoint,'),
-                 (r"    'rk4': ", "    'midpoint': Method(midpoint.advance, midpoint.EVALUATIONS, "
-                  "step=True),\n    'rk4': "))
+                 (r'    work, contacts, first = .*?\Z', MIDPOINT.rstrip()))
+    house.change('physics/solvers/fixed_step.py',
+                 (r'import rk4,', 'import midpoint, rk4,'),
+                 (r"'rk4': rk4}", "'rk4': rk4, 'midpoint': midpoint}"))
     scene = house.folder / 'short.yaml'
     scene.write_text('{robot: gimball, terrain: [flat: {length: 2}], initial: {x: 0.5, speed: 1}, '
                      'actuation: {law: torque, torque: 0.5}, duration: 0.05}', encoding='utf-8')

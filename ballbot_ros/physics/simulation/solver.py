@@ -19,8 +19,9 @@ from ballbot_ros.physics.model.actuation import Actuator
 from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import CONTACT_LOSS, JOINT_LOSS, MOTOR_WORK, State, X
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.solvers import integrate, rk4, semi_implicit, trapezoidal
+from ballbot_ros.physics.solvers import fixed_step, integrate, trapezoidal
 from ballbot_ros.physics.solvers.controller import STEP_METHODS
+from ballbot_ros.physics.solvers.fixed_step import FIXED_STEP_METHODS
 from ballbot_ros.physics.solvers.values import (
     AUTOMATIC, BUDGET_EXCEEDED, EVALUATIONS, NO_OUTPUT, Options, Output, Packed, PENETRATED,
     SEARCH, Status, status_of, STEP_TOO_SMALL, Workspace)
@@ -31,7 +32,7 @@ class Method(NamedTuple):
 
     advance: Callable[[Packed], Packed]  # see `solvers`
     evaluations: int = 0  # of the right-hand side per step, for fixed-step methods
-    steps: int = AUTOMATIC  # number of the step of the adaptive method
+    steps: int = AUTOMATIC  # number of its step in FIXED_STEP_METHODS or STEP_METHODS
     flies: bool = False  # whether it may compute flights in closed form
     tolerance: bool = False  # whether it chooses its steps by their error
     step: bool = False  # whether it has a given step, or maximum step
@@ -43,8 +44,8 @@ class Method(NamedTuple):
 
 
 METHODS: dict[str, Method] = {
-    'semi_implicit': Method(semi_implicit.advance, semi_implicit.EVALUATIONS, step=True),
-    'rk4': Method(rk4.advance, rk4.EVALUATIONS, step=True),
+    **{name: Method(fixed_step.advance, item.EVALUATIONS, number, step=True)
+       for number, (name, item) in enumerate(FIXED_STEP_METHODS.items())},
     'adaptive': Method(integrate.advance, flies=True, tolerance=True),
     **{name: Method(integrate.advance, steps=number, flies=True, tolerance=True)
        for number, name in enumerate(STEP_METHODS)},

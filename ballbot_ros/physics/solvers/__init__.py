@@ -14,8 +14,16 @@ PAUSED between two steps; called again with that status and the same arrays, it 
 pausing does not change the results.  It adds its steps and right-hand sides to
 ``workspace.statistics``, works in the other arrays of the workspace, and allocates none.  Its
 types are those of `values`; right-hand sides are `mechanics.equations.derivative`, or
-`mode_derivative` of a frozen mode.  To add a solver, copy ``rk4.py``, and add its line to
+`mode_derivative` of a frozen mode.  To add a solver, add its file, and its line to
 `simulation.solver.METHODS`.
+
+**A step of a fixed-step method is a file with a function and a constant** (`rk4`,
+`semi_implicit`), entered in `fixed_step.FIXED_STEP_METHODS`::
+
+    step(time, state, size, system, workspace)
+    EVALUATIONS
+
+`step` advances `state` in place by `size` seconds with EVALUATIONS right-hand sides.
 
 **A step of the adaptive method is a file with three functions and a constant**
 (`dormand_prince`, `rodas5p`), entered in `controller.STEP_METHODS`::

@@ -1,22 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-The loop of the fixed-step methods: number of steps, end conditions of a run, output.
+The fixed-step methods, and their loop: number of steps, end conditions of a run, output.
 
-A method supplies its step, see `loop_of`.
+A method is a file with a step (`rk4`, `semi_implicit`); see the contract in `solvers`.
 """
 import math
-from typing import Callable
 
-from ballbot_ros.jit import compiled, outlined, with_globals
-from ballbot_ros.physics.mechanics.equations import System
-from ballbot_ros.physics.model.terrain import Array
+import numpy as np
+
+from ballbot_ros.jit import by_number, compiled, outlined
+from ballbot_ros.physics.solvers import rk4, semi_implicit
 from ballbot_ros.physics.solvers.dense import write_row
 from ballbot_ros.physics.solvers.values import (
-    EVALUATIONS, FINISHED, outcome_of, Packed, packed, PAUSED, Status, STEPS, unpack_call,
-    Workspace)
+    EVALUATIONS, FINISHED, outcome_of, Packed, packed, PAUSED, Status, STEPS, unpack_call)
 
-# ``step(time, state, size, system, workspace)`` advances a state in place.
-Step = Callable[[float, Array, float, System, Workspace], None]
+# To add a method, add its file, and its name here.
+FIXED_STEP_METHODS = {'semi_implicit': semi_implicit, 'rk4': rk4}
+PER_STEP = np.array([item.EVALUATIONS for item in FIXED_STEP_METHODS.values()])
+
+step = by_number('step', '', FIXED_STEP_METHODS.values())
 
 
 @compiled
@@ -26,23 +28,9 @@ def moved(status: Status, outcome: int, time: float, filled: int) -> Packed:
                          status.ready, status.may_fly, status.before))
 
 
-def loop_of(step: Step, evaluations: int) -> Callable[[Packed], Packed]:
-    """
-    Return the `advance` of a fixed-step method; see the contract in `solvers`.
-
-    Parameters
-    ----------
-    step : kernel
-        See `Step`.
-    evaluations : int
-        Right-hand sides per step.
-
-    """
-    return outlined(with_globals(_advance, step, step=step, evaluations=evaluations))
-
-
-def _advance(call: Packed) -> Packed:
-    """Advance a state in place by the `step` of a method."""
+@outlined
+def advance(call: Packed) -> Packed:
+    """Advance a state in place; see the contract in `solvers`."""
     status, end, state, system, options, output, workspace = unpack_call(call)
     filled, size = status.filled, options.step
     # A row of the output ends each interval; without output there is one interval.
@@ -56,12 +44,12 @@ def _advance(call: Packed) -> Packed:
         if filled >= output.pause:
             return moved(status, PAUSED, begin, filled)
         for done in range(steps):
-            step(begin + done * size, state, size, system, workspace)  # type: ignore  # noqa: F821
+            step(options.method, begin + done * size, state, size, system, workspace)
             outcome = outcome_of(state, system.ground)
             if outcome != FINISHED:
                 return moved(status, outcome, begin + (done + 1) * size, filled)
         workspace.statistics[STEPS] += steps
-        workspace.statistics[EVALUATIONS] += steps * evaluations  # type: ignore  # noqa: F821
+        workspace.statistics[EVALUATIONS] += steps * PER_STEP[options.method]
         if filled < len(output.rows):
             write_row(output, filled, begin + steps * size, state, system.actuator)
             filled += 1

@@ -9,7 +9,6 @@ from ballbot_ros.physics.mechanics.equations import derivative, System
 from ballbot_ros.physics.model.state import SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import values
-from ballbot_ros.physics.solvers.fixed_step import loop_of
 from ballbot_ros.physics.solvers.values import WIDTH, Workspace
 
 EVALUATIONS = 4  # of the right-hand side, for each step
@@ -33,6 +32,3 @@ def step(time: float, state: Array, size: float, system: System, workspace: Work
     derivative(time + size, probe, system, contacts, k4)
     for i in range(SIZE):
         state[i] += size / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
-
-
-advance = loop_of(step, EVALUATIONS)

@@ -9,7 +9,6 @@ from ballbot_ros.physics.mechanics.equations import derivative, System
 from ballbot_ros.physics.model.state import COORDINATES, SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.solvers import values
-from ballbot_ros.physics.solvers.fixed_step import loop_of
 from ballbot_ros.physics.solvers.values import Workspace
 
 EVALUATIONS = 1  # of the right-hand side, for each step
@@ -31,6 +30,3 @@ def step(time: float, state: Array, size: float, system: System, workspace: Work
     rates = workspace.work[values.RIGHT:]
     derivative(time, state, system, workspace.mode.contacts, rates)
     apply_rates(state, size, rates, SIZE)
-
-
-advance = loop_of(step, EVALUATIONS)

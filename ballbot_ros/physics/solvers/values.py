@@ -73,7 +73,7 @@ class Options(NamedTuple):
 
     tolerance: float  # local error of a step, see `controller.error_length` [m]
     step: float  # of a fixed-step method; maximum step of `trapezoidal` [s]
-    method: int = AUTOMATIC  # number of the step of the adaptive method
+    method: int = AUTOMATIC  # number of the step in the table of a fixed-step or adaptive method
     budget: int = 2**62  # of right-hand sides, counted in the statistics
     flight: bool = False  # whether to fly in closed form
     ledger: bool = True  # whether the adaptive method keeps the energy ledger
