@@ -65,7 +65,7 @@ class Crossing(NamedTuple):
     output: Output  # without rows
     workspace: Workspace
     spent: IntArray  # attempts and function evaluations
-    last: Array  # height of the last attempt [m], and its end time [s]
+    last: Array  # (1,): end time of the last attempt [s]
 
 
 @compiled
@@ -270,7 +270,7 @@ def attempt(height: float, tolerance: float, crossing: Crossing) -> tuple[int, f
     verdict, score, time, outcome = run_to_verdict(height, tolerance, crossing)
     crossing.spent[0] += 1
     crossing.spent[1] += statistics[EVALUATIONS]
-    crossing.last[0], crossing.last[1] = height, time
+    crossing.last[0] = time
     return verdict, score, outcome
 
 

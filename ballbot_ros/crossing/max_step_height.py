@@ -104,7 +104,7 @@ class ThreadWorkspace(local):
     """Workspace of a thread; it keeps the last attempt, which explains the outcome."""
 
     def __init__(self) -> None:
-        self.state, self.last = np.zeros(SIZE), np.zeros(2)
+        self.state, self.last = np.zeros(SIZE), np.zeros(1)
         self.spent = np.zeros(2, dtype=np.int64)
         self.packed: PackedArrays = (
             self.state, np.zeros(SIZE), self.last, self.spent, NO_OUTPUT.rows,
@@ -227,7 +227,7 @@ def max_step_height(robot: RobotLike, speed: float, actuation: Actuation = Actua
 def _check(outcome: float, tolerance: float) -> None:
     """Raise the error that explains the last attempt, unless it finished."""
     if outcome != FINISHED:
-        raise failure(int(outcome), float(WORKSPACE.last[1]), WORKSPACE.state, Solver(
+        raise failure(int(outcome), float(WORKSPACE.last[0]), WORKSPACE.state, Solver(
             'adaptive', tolerance=max(tolerance, FINEST), work_budget=BUDGET))
 
 

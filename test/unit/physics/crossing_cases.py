@@ -18,4 +18,4 @@ def crossing_of(robot, speed, actuation=Actuation(), site=Site(), rules=Rules())
         System(Parameters.of(robot, ContactOptions()), site.profile(robot),
                actuation.actuator(robot)),
         10**8, np.zeros(SIZE), np.zeros(SIZE), NO_OUTPUT, Workspace.of(VERTICES),
-        np.zeros(2, dtype=np.int64), np.zeros(2))
+        np.zeros(2, dtype=np.int64), np.zeros(1))

@@ -107,7 +107,7 @@ def test_attempts_without_a_motor_end_early_with_the_same_verdict():
             for share in np.linspace(0.05, 2.5, 80):
                 verdict, score, _ = attempt(share * threshold, 1e-8, crossing)
                 assert (score > 0.0) == (verdict == OVER)
-                ends.append((verdict, crossing.last[1]))
+                ends.append((verdict, crossing.last[0]))
             times.append(ends)
         free, driven = times
         assert [verdict for verdict, _ in free] == [verdict for verdict, _ in driven]
@@ -169,7 +169,7 @@ def test_a_ball_that_keeps_pressing_against_the_step_has_failed():
         GIMBALL, 0.05, held_at(math.pi / 2), rules=Rules(time_limit=1.0))
     verdict, score, _ = attempt(0.005, 1e-8, crossing)
     assert verdict == UNDECIDED and score < 0.0
-    assert crossing.last[1] == pytest.approx(1.0)
+    assert crossing.last[0] == pytest.approx(1.0)
 
 
 def test_the_peak_of_a_parabola_is_exact():
