@@ -183,9 +183,9 @@ def test_a_parameter_of_the_robot_needs_its_declaration_and_the_law_that_uses_it
         r'    return parameters.damping \* velocity, 0.0, parameters.damping', """\
     damping = parameters.damping + (parameters.rebound if velocity > 0.0 else 0.0)
     return damping * velocity, 0.0, damping"""), (
-        '_fastest: float, _parameters(.*)    return 0.0\n',
-        'fastest: float, parameters: Parameters) -> float:\n'
-        '    return -parameters.rebound * max(fastest, 0.0)\n'))
+        '_fastest: float,', 'fastest: float,'), (
+        'return parameters.damping, 0.0',
+        'return parameters.damping, -parameters.rebound * max(fastest, 0.0)'))
     program = house.folder / 'drop.py'
     program.write_text("""
 import json

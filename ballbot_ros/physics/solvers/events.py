@@ -23,7 +23,7 @@ from ballbot_ros.physics.mechanics.modes import (
     contact_count, ContactMode, guard_of, in_contact, MOTOR, OF_FEATURE, OF_FORCE,
     smooth_contacts, violated_guards)
 from ballbot_ros.physics.model.actuation import torque_slopes, unsaturated_torque
-from ballbot_ros.physics.model.contact_laws import least_remainder, linear_damping
+from ballbot_ros.physics.model.contact_laws import damping_bound
 from ballbot_ros.physics.model.state import (
     BALL_ANGLE, BALL_RATE, PENDULUM_ANGLE, VELOCITY_X, VELOCITY_Y, X, Y)
 from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, TURN, VERTEX_X, VERTEX_Y
@@ -109,11 +109,12 @@ def pressed_throughout(work: Array, row: int, normal: tuple[float, float, float]
         turned = aside / nearest
         beyond, shorter = 0.5 * turned * aside, 0.5 * turned * turned
         fastest, quickest = largest(closing), largest(passing)
-    damping, faster = linear_damping(parameters), shorter * fastest + turned * quickest
+    faster = shorter * fastest + turned * quickest
+    damping, remainder = damping_bound(
+        parameters.radius - nearest, most(closing) + faster, parameters)
     force = combined(-parameters.stiffness, away, -damping, closing)
     force_left = parameters.stiffness * (parameters.radius - beyond) + least(force) - (
-        damping * faster) + least_remainder(
-            parameters.radius - nearest, most(closing) + faster, parameters)
+        damping * faster) + remainder
     if not (farthest + beyond < parameters.radius and force_left > 0.0):
         return False
     if friction <= 0.0:

@@ -36,7 +36,7 @@ from ballbot_ros.physics.mechanics.contact import clear_time, PRESSED, spring_en
 from ballbot_ros.physics.mechanics.equations import System
 from ballbot_ros.physics.mechanics.modes import contact_count, ContactMode
 from ballbot_ros.physics.model.actuation import Actuator, FREE, limited, TORQUE, VOLTAGE
-from ballbot_ros.physics.model.contact_laws import leaves_freely
+from ballbot_ros.physics.model.contact_laws import LEAVES_FREELY
 from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import (
     BALL_ANGLE, BALL_RATE, CONTACT_LOSS, FRICTION_LOSS, JOINT_LOSS, MOTOR_WORK, PENDULUM_ANGLE,
@@ -312,7 +312,7 @@ def is_released(mode: ContactMode, parameters: Parameters) -> bool:
     """
     count = contact_count(mode)
     return count == 0 or (count == 1 and mode.signs[0, PRESSED] == 0
-                          and leaves_freely(parameters))
+                          and LEAVES_FREELY[int(parameters.law)])
 
 
 @outlined

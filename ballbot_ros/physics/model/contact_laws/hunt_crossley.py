@@ -11,6 +11,8 @@ Vibroimpact, J. Appl. Mech. 42 (1975) 440.
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.robot import Parameters
 
+LEAVES_FREELY = False  # no multiple of the velocity bounds the force on a released ball
+
 
 @compiled
 def damper(penetration: float, velocity: float,
@@ -21,18 +23,7 @@ def damper(penetration: float, velocity: float,
 
 
 @compiled
-def linear_damping(_parameters: Parameters) -> float:
-    """Return 0: all of the damping depends on the penetration [N s/m]."""
-    return 0.0
-
-
-@compiled
-def least_remainder(deepest: float, fastest: float, parameters: Parameters) -> float:
-    """Return the minimum of ``-k lambda p v`` [N]."""
-    return -parameters.dissipation * max(deepest, 0.0) * max(fastest, 0.0)
-
-
-@compiled
-def leaves_freely(_parameters: Parameters) -> bool:
-    """Return False: no multiple of the velocity bounds the force on a released ball."""
-    return False
+def damping_bound(deepest: float, fastest: float,
+                  parameters: Parameters) -> tuple[float, float]:
+    """Return 0, as all damping depends on the penetration, and the minimum of -k lambda p v."""
+    return 0.0, -parameters.dissipation * max(deepest, 0.0) * max(fastest, 0.0)

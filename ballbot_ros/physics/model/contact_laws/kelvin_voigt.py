@@ -7,6 +7,8 @@ See `contact_laws` for the contract.
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.robot import Parameters
 
+LEAVES_FREELY = True  # a multiple of the velocity bounds the force on a released ball
+
 
 @compiled
 def damper(_penetration: float, velocity: float,
@@ -16,18 +18,7 @@ def damper(_penetration: float, velocity: float,
 
 
 @compiled
-def linear_damping(parameters: Parameters) -> float:
-    """Return the damping [N s/m]."""
-    return parameters.damping
-
-
-@compiled
-def least_remainder(_deepest: float, _fastest: float, _parameters: Parameters) -> float:
-    """Return 0: the law is linear [N]."""
-    return 0.0
-
-
-@compiled
-def leaves_freely(_parameters: Parameters) -> bool:
-    """Return True: a multiple of the velocity bounds the force on a released ball."""
-    return True
+def damping_bound(_deepest: float, _fastest: float,
+                  parameters: Parameters) -> tuple[float, float]:
+    """Return the damping [N s/m], and 0: the law is linear."""
+    return parameters.damping, 0.0
