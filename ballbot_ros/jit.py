@@ -213,19 +213,17 @@ def packer(cls: Type[T]) -> Callable[[T], Any]:
         cls, 'pack', f'pack(value): return {_packing(cls, "value")}', []))
 
 
-def by_number(name: str, field: str, modules: Iterable[Any]) -> Callable[..., Any]:
+def by_number(name: str, modules: Iterable[Any]) -> Callable[..., Any]:
     """
     Return a kernel that calls the kernel `name` of one of several modules.
 
-    The index of the module is the field `field` of the last argument or, if `field` is empty, an
-    additional first argument.
+    The index of the module is an additional first argument.
     """
     kernels = [getattr(module, name) for module in modules]
     words = list(signature(in_python(kernels[0])).parameters)
     calls = [f'kernel_{number}({", ".join(words)})' for number in range(len(kernels))]
-    first, chosen = ([], f'{words[-1]}.{field}') if field else (['number'], 'number')
-    source = '\n'.join([f'def {name}({", ".join(first + words)}):', *(
-        f'    if {chosen} == {number}:\n        return {call}'
+    source = '\n'.join([f'def {name}({", ".join(["index", *words])}):', *(
+        f'    if index == {number}:\n        return {call}'
         for number, call in enumerate(calls) if number), f'    return {calls[0]}'])
     owner = sys._getframe(1).f_globals
     space = {'__name__': owner['__name__'],

@@ -101,7 +101,7 @@ def pressing_and_slipping(normal_x: float, normal_y: float, penetration: float, 
     """
     normal_velocity = velocity_x * normal_x + velocity_y * normal_y
     along = velocity_x * normal_y - velocity_y * normal_x
-    damping, _, _ = damper(penetration, normal_velocity, parameters)
+    damping, _, _ = damper(parameters.law, penetration, normal_velocity, parameters)
     return (parameters.stiffness * penetration - damping, along + lever * spin, normal_velocity,
             along, damping)
 
@@ -611,7 +611,8 @@ def add_contact(state: Array, parameters: Parameters, ground: Array, contacts: A
     normal, friction = normal_and_friction(force, slip, pressed, sliding, parameters, coefficient)
     # The force of a CORNER, which has no friction, has the reversed sign.
     sign = -1.0 if corner else 1.0
-    _, softer, damping = damper(parameters.radius - distance, closing, parameters)
+    _, softer, damping = damper(
+        parameters.law, parameters.radius - distance, closing, parameters)
     stiffness, damping = parameters.stiffness - softer, damping if pressed != 0 else 0.0
     slope_x = -stiffness * normal_x - damping * closing_x if pressed != 0 else 0.0
     slope_y = -stiffness * normal_y - damping * closing_y if pressed != 0 else 0.0

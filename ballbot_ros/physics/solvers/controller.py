@@ -47,9 +47,9 @@ STEP_METHODS = {'explicit': dormand_prince, 'implicit': rodas5p}
 EXPLICIT, IMPLICIT = range(2)  # between which the method `adaptive` alternates
 DAMPS = np.array([item.DAMPS for item in STEP_METHODS.values()])
 
-step = by_number('step', '', STEP_METHODS.values())
-prepare_dense = by_number('prepare_dense', '', STEP_METHODS.values())
-end_step = by_number('end_step', '', STEP_METHODS.values())
+step = by_number('step', STEP_METHODS.values())
+prepare_dense = by_number('prepare_dense', STEP_METHODS.values())
+end_step = by_number('end_step', STEP_METHODS.values())
 
 
 @compiled

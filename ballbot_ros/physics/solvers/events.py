@@ -111,7 +111,7 @@ def pressed_throughout(work: Array, row: int, normal: tuple[float, float, float]
         fastest, quickest = largest(closing), largest(passing)
     faster = shorter * fastest + turned * quickest
     damping, remainder = damping_bound(
-        parameters.radius - nearest, most(closing) + faster, parameters)
+        parameters.law, parameters.radius - nearest, most(closing) + faster, parameters)
     force = combined(-parameters.stiffness, away, -damping, closing)
     force_left = parameters.stiffness * (parameters.radius - beyond) + least(force) - (
         damping * faster) + remainder

@@ -18,7 +18,7 @@ from ballbot_ros.physics.solvers.values import (
 FIXED_STEP_METHODS = {'semi_implicit': semi_implicit, 'rk4': rk4}
 PER_STEP = np.array([item.EVALUATIONS for item in FIXED_STEP_METHODS.values()])
 
-step = by_number('step', '', FIXED_STEP_METHODS.values())
+step = by_number('step', FIXED_STEP_METHODS.values())
 
 
 @compiled

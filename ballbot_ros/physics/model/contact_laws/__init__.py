@@ -31,6 +31,7 @@ from ballbot_ros.physics.model.robot import CONTACT_LAWS
 
 LAWS = [import_module(f'{__name__}.{name}') for name in CONTACT_LAWS]
 
-damper = by_number('damper', 'law', LAWS)
-damping_bound = by_number('damping_bound', 'law', LAWS)
+# Their first argument is `Parameters.law`.
+damper = by_number('damper', LAWS)
+damping_bound = by_number('damping_bound', LAWS)
 LEAVES_FREELY = np.array([law.LEAVES_FREELY for law in LAWS])
