@@ -6,13 +6,12 @@ Only two vertices of the ground depend on the height of the step, so the ground 
 are set up inside the kernel.  The adaptive method runs in blocks; after each block, the kernel
 checks whether the ball is over or back, as defined in `rules`.
 
-In addition to the verdict an attempt gives a *score*: the square of the speed with which the
-centre of mass passes above the edge, or else minus the square of its smallest distance before the
-edge, times the square of the rate at which a ball falls off an edge.  Where the ball must get
-clear of the edge on rising ground, it is the square of the speed with which it does, or else minus
-the square of the speed that it lacked for the climb from its turning point.  The score is zero
-where the ball just gets over, so that a search can interpolate instead of bisect.  It does not
-affect the verdict.
+The verdict of an attempt is the sign of its *score*: the square of the speed with which the centre
+of mass passes above the edge, or else minus the square of its smallest distance before the edge,
+times the square of the rate at which a ball falls off an edge.  Where the ball must get clear of
+the edge on rising ground, it is the square of the speed with which it does, or else minus the
+square of the speed that it lacked for the climb from its turning point.  The score approaches zero
+where the ball just gets over, so that a search can interpolate instead of bisect.
 """
 import math
 from typing import NamedTuple
@@ -28,8 +27,6 @@ from ballbot_ros.physics.model.terrain import Array, TANGENT_X, TANGENT_Y, VERTE
 from ballbot_ros.physics.solvers.integrate import integrate
 from ballbot_ros.physics.solvers.values import (
     AUTOMATIC, EVALUATIONS, FINISHED, NOTHING, Options, Output, Status, status_at, Workspace)
-
-OVER, BACK, UNDECIDED = range(3)
 
 # A ball this far behind its touch position has rolled back [m].
 RETREAT = 0.004
@@ -197,8 +194,8 @@ def speed_between(before: Array, after: Array, theta: float) -> float:
 
 @compiled
 def run_to_verdict(height: float, tolerance: float,
-                   crossing: Crossing) -> tuple[int, float, float, int]:
-    """Return verdict, score, time of the verdict [s], and outcome; see `attempt`."""
+                   crossing: Crossing) -> tuple[float, float, int]:
+    """Return score, time of the verdict [s], and outcome; see `attempt`."""
     course, system, workspace = crossing.course, crossing.system, crossing.workspace
     state, before = crossing.state, crossing.before
     parameters, ground = system.parameters, system.ground
@@ -222,7 +219,7 @@ def run_to_verdict(height: float, tolerance: float,
         later = integrate(status, min(status.time + block, course.time_limit), state, system,
                           options, crossing.output, workspace)
         if later.outcome != FINISHED:
-            return UNDECIDED, 0.0, later.time, later.outcome
+            return 0.0, later.time, later.outcome
         top = peak(before[X], before[VELOCITY_X], state[X], state[VELOCITY_X],
                    later.time - status.time)
         turned = before[VELOCITY_X] > 0.0 > state[VELOCITY_X]
@@ -246,32 +243,31 @@ def run_to_verdict(height: float, tolerance: float,
                 state[X], 0.0) * steep + 0.5 * parameters.radius:
             if passed == 0.0:
                 passed = speed_between(before, state, 1.0)
-            return OVER, max(passed * passed, LEAST), status.time, FINISHED
+            return max(passed * passed, LEAST), status.time, FINISHED
         if state[VELOCITY_X] < 0.0:
             back = course.first > 0.0 and state[X] < touch_x - RETREAT
             if back or (dwindling and (state[X] <= 0.0 or steep >= 0.0) and energy_to_spare(
                     state, parameters, ground, workspace.mode.contacts, goal) < -doubt):
-                return (BACK, shortfall(nearest, farthest, falling, goal, crossing), status.time,
-                        FINISHED)
-    return UNDECIDED, shortfall(nearest, farthest, falling, goal, crossing), status.time, FINISHED
+                break
+    return shortfall(nearest, farthest, falling, goal, crossing), status.time, FINISHED
 
 
 @unlocked
-def attempt(height: float, tolerance: float, crossing: Crossing) -> tuple[int, float, int]:
+def attempt(height: float, tolerance: float, crossing: Crossing) -> tuple[float, int]:
     """
-    Run one attempt at a step of a height [m]; return verdict, score and outcome.
+    Run one attempt at a step of a height [m]; return score and outcome.
 
-    The verdict is OVER, BACK or UNDECIDED (the time is up); the score is above 0 for OVER, below
-    for others [m2/s2], see the module; the outcome is FINISHED, or the reason of a failure, see
-    `solvers.values`.  The tolerance is the local error per step of the adaptive method [m].
+    The score is above 0 if the ball gets over, else below [m2/s2], see the module; the outcome is
+    FINISHED, or the reason of a failure, see `solvers.values`.  The tolerance is the local error
+    per step of the adaptive method [m].
     """
     statistics = crossing.workspace.statistics
     statistics[:] = 0
-    verdict, score, time, outcome = run_to_verdict(height, tolerance, crossing)
+    score, time, outcome = run_to_verdict(height, tolerance, crossing)
     crossing.spent[0] += 1
     crossing.spent[1] += statistics[EVALUATIONS]
     crossing.last[0] = time
-    return verdict, score, outcome
+    return score, outcome
 
 
 # Ends of a bracket, their scores, and the outcome.
@@ -306,10 +302,10 @@ def narrow(low: float, high: float, above: float, below: float, width: float,
         if gap > 2.0 * reach:
             aimed = low + gap * above / (above - below)
             trial = min(max(aimed, low + reach), high - reach)
-        verdict, score, outcome = attempt(trial, tolerance, crossing)
+        score, outcome = attempt(trial, tolerance, crossing)
         if outcome != FINISHED:
             return low, high, outcome
-        now = 1 if verdict == OVER else -1
+        now = 1 if score > 0.0 else -1
         # On the same side again: the score of the other end weighs less.  If the trial was limited
         # to the minimum step from its end, the next step is longer.
         again, side = now == side, now
@@ -336,8 +332,8 @@ def climb(low: float, above: float, stride: float, tolerance: float,
     least, highest = 0.02 * stride, TRIED_HEIGHT_MAX * crossing.system.parameters.radius
     while True:
         high = min(low + stride, highest)
-        verdict, score, outcome = attempt(high, tolerance, crossing)
-        if outcome != FINISHED or verdict != OVER:
+        score, outcome = attempt(high, tolerance, crossing)
+        if outcome != FINISHED or score <= 0.0:
             return low, high, above, score, outcome
         if high >= highest:
             return low, high, above, score, TOO_FAST
@@ -355,8 +351,8 @@ def descend(high: float, below: float, stride: float, tolerance: float,
         low = max(high - stride, 0.0)
         if low == 0.0:
             return low, high, crossing.course.speed**2, below, FINISHED
-        verdict, score, outcome = attempt(low, tolerance, crossing)
-        if outcome != FINISHED or verdict == OVER:
+        score, outcome = attempt(low, tolerance, crossing)
+        if outcome != FINISHED or score > 0.0:
             return low, high, score, below, outcome
         high, below, stride = low, score, 2.0 * stride
 
@@ -378,10 +374,10 @@ def search(width: float, coarse: float, fine: float, guess: float,
     if outcome != FINISHED:
         return low, high, lowest, highest, outcome
     # A fine tolerance may move the maximum step height out of the bracket: then follow it.
-    verdict, above = OVER, crossing.course.speed**2
+    above = crossing.course.speed**2
     if low > 0.0:
-        verdict, above, outcome = attempt(low, fine, crossing)
-    if outcome == FINISHED and verdict == OVER:
+        above, outcome = attempt(low, fine, crossing)
+    if outcome == FINISHED and above > 0.0:
         low, high, above, below, outcome = climb(low, above, high - low, fine, crossing)
     elif outcome == FINISHED:
         low, high, above, below, outcome = descend(low, above, width, fine, crossing)

@@ -24,7 +24,7 @@ import numpy as np
 
 from ballbot_ros.config.fields import changed, check_value, count, quantity
 from ballbot_ros.crossing.attempt import (
-    attempt, Course, Crossing, find, FINEST, OVER, TOO_FAST, VERTICES)
+    attempt, Course, Crossing, find, FINEST, TOO_FAST, VERTICES)
 from ballbot_ros.crossing.rules import check_gravity, HEIGHT, Rules, Site, SPEED, table
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.jit import compiled, direct, row_reader, unlocked
@@ -43,9 +43,9 @@ ATTEMPT_TOLERANCE = 1e-7  # local error per step in `try_step` [m]
 NEVER = NO_OUTPUT.pause  # number of output rows that no run reaches
 BUDGET = 50_000_000  # function evaluations of one attempt; they take seconds
 
-# Columns of the results of steps that were tried: whether the ball crosses, score [m2/s2], speed
-# from the rotation of the ball at the verdict [m/s], outcome ...
-PASSES, SCORE, ROLLED, TRIED = range(4)
+# Columns of the results of steps that were tried: score [m2/s2], see `attempt`, speed from the
+# rotation of the ball at the verdict [m/s], outcome ...
+SCORE, ROLLED, TRIED = range(3)
 # ... and of maximum step heights; see `attempt.find`.
 LOW, HIGH, ERROR, FINE, FOUND = range(5)
 
@@ -77,15 +77,12 @@ def try_rows(rows: Array, grounds: Array, heights: Array, tolerance: float, budg
     Try a step with each crossing, at heights (n,) [m]; for the tolerance see `attempt`.
 
     The rows have the fields of Course, Parameters and Actuator, concatenated; the heights
-    of the grounds, (n, 4, 7), and the results, (n, 4), are written.
+    of the grounds, (n, 4, 7), and the results, (n, 3), are written.
     """
     for i in range(len(rows)):
         crossing = crossing_of(rows[i], grounds[i], budget, arrays)
-        verdict, score, outcome = attempt(heights[i], tolerance, crossing)
-        results[i, PASSES] = 1.0 if verdict == OVER else 0.0
-        results[i, SCORE] = score
+        results[i, SCORE], results[i, TRIED] = attempt(heights[i], tolerance, crossing)
         results[i, ROLLED] = -crossing.system.parameters.radius * crossing.state[BALL_RATE]
-        results[i, TRIED] = outcome
 
 
 @unlocked
@@ -134,7 +131,7 @@ class Crossings(NamedTuple):
 
     def tried(self, heights: Array, tolerance: float, budget: int = BUDGET) -> Array:
         """Return the results at a step of each height [m]; see `try_rows`."""
-        results = np.empty((len(self.rows), 4))
+        results = np.empty((len(self.rows), 3))
         direct(try_rows)(*self, heights, tolerance, budget, results, WORKSPACE.packed)
         return results
 
@@ -250,9 +247,9 @@ def try_step(robot: RobotLike, speed: float, height: float, actuation: Actuation
 
 def _try(height: float, tolerance: float, crossing: Crossings) -> Tuple[bool, float]:
     """Return whether the ball gets over, and the score."""
-    passes, score, _, outcome = crossing.tried(np.array([height]), tolerance)[0].tolist()
+    score, _, outcome = crossing.tried(np.array([height]), tolerance)[0].tolist()
     _check(outcome, tolerance)
-    return passes > 0.0, score
+    return score > 0.0, score
 
 
 def _prepare(robot: Robot, speed: float, actuation: Actuation, pendulum_angle: Optional[float],

@@ -14,8 +14,7 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 import numpy as np
 
 from ballbot_ros.crossing import max_step_height, try_step
-from ballbot_ros.crossing.max_step_height import (
-    ATTEMPT_TOLERANCE, ERROR, FOUND, LOW, PASSES, SCORE, TRIED)
+from ballbot_ros.crossing.max_step_height import ATTEMPT_TOLERANCE, ERROR, FOUND, LOW
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.physics.solvers.values import FINISHED
 from ballbot_ros.results.files import load_arrow, replacing
@@ -56,11 +55,14 @@ def run_block(plan: SweepPlan, first: int, stop: int) -> Dict[str, List[Any]]:
     prepared = plan.crossings(rows)
     if prepared is not None:
         crossings, heights, which = prepared
-        ran = crossings.found(plan.accuracy)[:, [LOW, ERROR, FOUND]] if heights is None \
-            else crossings.tried(heights, ATTEMPT_TOLERANCE)[:, [PASSES, SCORE, TRIED]]
-        for place, (value, other, outcome) in zip(np.flatnonzero(which).tolist(), ran.tolist()):
+        if heights is None:
+            ran = crossings.found(plan.accuracy)[:, [LOW, ERROR, FOUND]].tolist()
+        else:
+            ran = [(score > 0.0, score, outcome) for score, _, outcome in crossings.tried(
+                heights, ATTEMPT_TOLERANCE).tolist()]
+        for place, (*found, outcome) in zip(np.flatnonzero(which).tolist(), ran):
             if outcome == FINISHED:
-                results[place] = value if heights is None else value > 0.0, other, None
+                results[place] = *found, None
     for place, values in enumerate(rows.tolist()):
         # Cases that failed in the table run again individually, to obtain their errors.
         if results[place] is None:
