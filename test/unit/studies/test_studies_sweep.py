@@ -21,7 +21,7 @@ from ballbot_ros.cli import main
 from ballbot_ros.crossing import held_at, max_step_height, rolling, Site, try_step
 from ballbot_ros.physics import Actuation, load_robot
 from ballbot_ros.studies.parallel_map import checkpointed_map
-from ballbot_ros.studies.sweep import columns, run_block, run_sweep
+from ballbot_ros.studies.sweep import BLOCK_SIZE, columns, run_block, run_sweep
 from ballbot_ros.studies.sweep_plan import SweepPlan
 
 parquet = pytest.importorskip('pyarrow.parquet', reason='sweeps are written with pyarrow')
@@ -124,7 +124,8 @@ def test_the_block_size_does_not_change_the_results(tmp_path):
 def test_a_killed_sweep_resumes_without_loss_of_results(tmp_path):
     words = ['--vary', 'speed=0.3:1.2', '--vary', 'height=0.003:0.06', '--design', 'sobol',
              '--workers', '2']
-    cases, killed, whole = 4000, tmp_path / 'killed.parquet', tmp_path / 'whole.parquet'
+    cases = 4 * BLOCK_SIZE
+    killed, whole = tmp_path / 'killed.parquet', tmp_path / 'whole.parquet'
     command = [sys.executable, '-m', 'ballbot_ros.cli', 'sweep', *words, '--cases', str(cases)]
     process = subprocess.Popen([*command, '--out', str(killed)], stderr=subprocess.DEVNULL,
                                cwd=Path(__file__).resolve().parents[3])
@@ -143,7 +144,7 @@ def test_a_killed_sweep_resumes_without_loss_of_results(tmp_path):
     with ThreadPoolExecutor(1) as pool:
         found = run_sweep(plan, killed, pool, 1, lambda _: look())
         run_sweep(plan, whole, pool, 1)
-    assert found.resumed == 1000 * len(done)
+    assert found.resumed == BLOCK_SIZE * len(done)
     # Completed blocks are not computed again.
     assert {path: stamps[path] for path in done} == done
     assert parquet.read_table(killed) == parquet.read_table(whole)
