@@ -60,15 +60,12 @@ class Site(Checked):
     friction_behind: Optional[float] = friction_coefficient(
         'coefficient of friction of the ground behind the step', optional=True)
 
-    def profile(self, robot: Robot, height: float = 1.0) -> Array:
-        """Return the ground in the format of the kernels, (4, 7)."""
-        return self.grounds(robot, 1, height)[0]
-
-    def grounds(self, robot: Robot, number: int, height: float = 1.0) -> Array:
+    def grounds(self, robot: Robot, number: int) -> Array:
         """
-        Return terrain profiles for the kernels, (number, 4, 7), with steps of a height.
+        Return terrain profiles for the kernels, (number, 4, 7); see `Terrain.profile`.
 
-        See `Terrain.profile`; the values of site and robot may be columns.
+        The step is 1 m high; an attempt sets its height.  The values of site and robot may be
+        columns.
         """
         ahead_x, ahead_y = _each(math.cos, self.slope_before), _each(math.sin, self.slope_before)
         behind_x, behind_y = _each(math.cos, self.slope_behind), _each(math.sin, self.slope_behind)
@@ -76,12 +73,12 @@ class Site(Checked):
         floor, corner, upper = (own if given is None else given for own, given in (
             (surface, self.friction_before), (edge, self.friction_edge),
             (surface, self.friction_behind)))
-        # A metre of ground, the foot, the edge, and a metre of ground; columns as in `terrain`.
+        # A metre of ground, the foot, the edge one metre above it, and a metre of ground.
         numbers = (
             -ahead_x, -ahead_y, ahead_x, ahead_y, 0.0, floor, edge,
             0.0, 0.0, 0.0, 1.0, ahead_x, surface, edge,
-            0.0, height, behind_x, behind_y, -behind_x, upper, corner,
-            behind_x, height + behind_y, 0.0, 0.0, 0.0, 0.0, edge)
+            0.0, 1.0, behind_x, behind_y, -behind_x, upper, corner,
+            behind_x, 1.0 + behind_y, 0.0, 0.0, 0.0, 0.0, edge)
         return table(numbers, number).reshape(number, VERTICES, 7)
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 import math
 import threading
 
-from crossing_cases import crossing_of
+from crossing_cases import crossing_of, ground_of
 import numpy as np
 import pytest
 from reference_search import crosses, highest_step, terrain_of
@@ -118,7 +118,7 @@ def test_the_ball_starts_at_its_first_touch_with_the_collision_speed():
         for height in (0.003, 0.05, 0.2, 0.5):
             state = np.zeros(SIZE)
             touch_x = place(state, Course(0.8, 0.3, 0.0, 1.0, 5.0, 0.0), PARAMETERS,
-                            Site(slope_before=before).profile(GIMBALL, height).copy())
+                            ground_of(Site(slope_before=before), GIMBALL, height))
             start = State(0.0, *state)
             assert start.x == pytest.approx(touch_x, abs=1e-15)
             nearest = min(max(start.y, 0.0), height)
