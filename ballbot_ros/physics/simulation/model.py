@@ -135,12 +135,17 @@ class Model:
 
     def _spring_force(self, x: float, y: float) -> tuple[float, float]:
         """Return the contact force on a ball at rest with its centre at (x, y) [N]."""
-        table = self._contacts[:contact.find_contacts(
-            x, y, self.robot.ball_radius, self.profile, self._contacts)]
-        # The spring alone: without velocity there is neither damping nor friction.
-        force = self.parameters.stiffness * table[:, contact.PENETRATION]
-        force[table[:, contact.KIND] == contact.CORNER] *= -1.0
-        return float(force @ table[:, contact.NORMAL_X]), float(force @ table[:, contact.NORMAL_Y])
+        count = contact.find_contacts(
+            x, y, self.robot.ball_radius, self.profile, self._contacts)
+        force_x = force_y = 0.0
+        for kind, _, _, normal_x, normal_y, penetration, _, _ in self._contacts[:count].tolist():
+            # The spring alone: without velocity there is neither damping nor friction.
+            force = self.parameters.stiffness * penetration
+            if kind == contact.CORNER:
+                force = -force
+            force_x += force * normal_x
+            force_y += force * normal_y
+        return force_x, force_y
 
     def check_start(self, state: State) -> None:
         """
