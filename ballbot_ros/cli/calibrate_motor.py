@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Mapping
 
 from ballbot_ros.cli.options import add_hardware, add_port
-from ballbot_ros.demo.signals import ending_by_signal
+from ballbot_ros.ros.signals import ending_by_signal
 
 REPLY_TIMEOUT = 0.5  # of the handshake [s]
 

@@ -15,8 +15,8 @@ from ballbot_ros.cli.options import add_number, from_ros
 from ballbot_ros.cli.verb import DONE, FAILED, print_error
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.config.optional import load_optional
-from ballbot_ros.demo.signals import ending_by_signal
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.ros.signals import ending_by_signal
 
 RATE = 20.0  # of cmd_vel [Hz]
 STATUS_PERIOD = 0.1  # of the status line [s]

@@ -28,7 +28,6 @@ from ballbot_ros.demo.forked import Forked, import_nodes
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph
-from ballbot_ros.demo.signals import ending_by_signal
 from ballbot_ros.demo.timeline import account, Expected, Passage, Timeline
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.figures.film import Mark, strip
@@ -38,6 +37,7 @@ from ballbot_ros.physics import load_scene, Robot, Scene
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.results.faces import faces_of
 from ballbot_ros.ros.conversions import DECISION_NAMES
+from ballbot_ros.ros.signals import ending_by_signal
 from ballbot_ros.srv import Step
 
 ROBOT, CURVE, TUNING, DECISION = 'gimball', 'gimball_down', 'published', 'decision_default'

@@ -17,6 +17,7 @@ import sys
 from typing import Any, Callable, Iterable, Mapping, Optional, Sequence
 
 from ballbot_ros.compile_notice import on_compiling
+from ballbot_ros.ros.signals import ending_signals
 
 
 class Forked:
@@ -84,7 +85,6 @@ def import_nodes(names: Iterable[str]) -> None:
 
 
 def _run(work: Callable[[], int]) -> None:
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        if callable(signal.getsignal(number)):  # the handler of the copied process
-            signal.signal(number, signal.SIG_DFL)
+    for number in ending_signals():  # the copied process may have handlers
+        signal.signal(number, signal.SIG_DFL)
     sys.exit(work())

@@ -10,8 +10,8 @@ import sys
 from typing import Iterator
 
 from ballbot_ros.demo.processes import own_domain
-from ballbot_ros.demo.signals import ending_by_signal
 from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.ros.signals import ending_by_signal
 
 # Timeouts until the page is served, and until its process has ended [s].
 START_TIMEOUT, END_TIMEOUT = 60.0, 10.0

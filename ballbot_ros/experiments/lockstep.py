@@ -10,11 +10,11 @@ from std_srvs.srv import Trigger
 from ballbot_ros.demo.demo import RESET_PERIOD
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.demo.recorded_graph import recording
-from ballbot_ros.demo.signals import ending_by_signal
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.nodes.simulator.outputs import every
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.ros import discovery
+from ballbot_ros.ros.signals import ending_by_signal
 from ballbot_ros.srv import Step
 
 # Longest wall time of a spin [s].

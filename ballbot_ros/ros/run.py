@@ -23,6 +23,7 @@ from ballbot_ros.ros import discovery
 from ballbot_ros.ros.endpoints import create_wall_timer
 from ballbot_ros.ros.logs import forward_logs
 from ballbot_ros.ros.rclpy_compat import new_executor, RCLError, reason_of
+from ballbot_ros.ros.signals import ending_signals
 
 # Longest time for which a thread keeps the interpreter lock [s]: Python's default of 5 ms would
 # delay a motor loop or a callback too long while another thread computes.
@@ -94,12 +95,11 @@ def run_together(make_nodes: Sequence[Callable[[], Node]],
     """
     Run nodes on one executor until a signal ends them, and return the exit code of the process.
 
-    Messages between them then wake no other process.  The signals are SIGINT, SIGTERM and, unless
-    the process ignores it, SIGHUP.  The method ``make_safe`` of a node, if any,
-    is called before the node is destroyed, on every exit path and while it can still publish:
-    rclpy's own signal handlers, which are replaced, would shut the context down first.  An
-    exception in the attribute ``failure`` of a node ends all nodes; the executor would also log an
-    exception that a callback raises.
+    Messages between them then wake no other process.  The signals are SIGINT and `ending_signals`.
+    The method ``make_safe`` of a node, if any, is called before the node is destroyed, on every
+    exit path and while it can still publish: rclpy's own signal handlers, which are replaced,
+    would shut the context down first.  An exception in the attribute ``failure`` of a node ends
+    all nodes; the executor would also log an exception that a callback raises.
 
     Returns 0 after a signal, 2 if the configuration or an argument (by default of ``sys.argv``) is
     refused.
@@ -113,10 +113,8 @@ def run_together(make_nodes: Sequence[Callable[[], Node]],
                 os._exit(0)
             raise _Stopped
 
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        # A closing terminal sends SIGHUP; nohup ignores it.
-        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, stop)
+    for number in (signal.SIGINT, *ending_signals()):
+        signal.signal(number, stop)
     sys.setswitchinterval(SWITCH_INTERVAL)
     reach = discovery.apply(os.environ)
     try:

@@ -17,7 +17,7 @@ from ballbot_ros.cli import listing, main, simulate
 from ballbot_ros.cli.command import load_verb, VERBS
 from ballbot_ros.cli.listing import describe
 from ballbot_ros.config.files import shipped_files
-from ballbot_ros.demo.signals import ending_by_signal
+from ballbot_ros.ros.signals import ending_by_signal
 
 COMMAND = [sys.executable, '-m', 'ballbot_ros.cli']
 

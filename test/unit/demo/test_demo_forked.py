@@ -11,7 +11,7 @@ import time
 import pytest
 
 from ballbot_ros.demo.forked import Forked, run_detached
-from ballbot_ros.demo.signals import ending_by_signal
+from ballbot_ros.ros.signals import ending_by_signal
 
 TIMEOUT = 20.0
 
