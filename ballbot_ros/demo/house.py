@@ -34,6 +34,7 @@ from ballbot_ros.physics import Robot
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.endpoints import create_subscription
+from ballbot_ros.steering.model import moved_to
 
 DURATION_MAX = 300.0  # end of the run, in simulated time [s]
 # Required rates [Hz]: the navigator publishes commands only while it has a goal.
@@ -127,10 +128,7 @@ class HouseTimeline(Timeline):
     def add_state(self, message: BallState) -> None:
         """Process a state; report crossed lines."""
         x, y, heading = self._start
-        point = (x + math.cos(heading) * message.position_x
-                 - math.sin(heading) * message.position_y,
-                 y + math.sin(heading) * message.position_x
-                 + math.cos(heading) * message.position_y)
+        point = moved_to((x, y), heading, message.position_x, message.position_y)
         before = self.driven[-1] if self.driven else point
         self.states.append(message)
         self.driven.append(point)

@@ -4,6 +4,7 @@ import math
 from typing import Any, Optional, Sequence, Tuple
 
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Quaternion
 from nav_msgs.msg import OccupancyGrid, Odometry
 import numpy as np
 from numpy.typing import NDArray
@@ -191,11 +192,16 @@ def odometry_message(state: State, place: Tuple[float, float, float], lateral: L
     return message
 
 
+def yawed(heading: float) -> Quaternion:
+    """Return the rotation about z by a heading [rad]."""
+    return Quaternion(z=math.sin(0.5 * heading), w=math.cos(0.5 * heading))
+
+
 def _turn(message: Odometry, place: Tuple[float, float, float], lateral: LateralState,
           radius: float) -> None:
     pose, twist = message.pose.pose, message.twist.twist
     pose.position.x, pose.position.y, heading = place
-    pose.orientation.z, pose.orientation.w = math.sin(0.5 * heading), math.cos(0.5 * heading)
+    pose.orientation = yawed(heading)
     twist.linear.y, twist.angular.z = radius * lateral.tilt_rate, lateral.yaw_rate
 
 

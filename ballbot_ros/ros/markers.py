@@ -20,6 +20,7 @@ from ballbot_ros.plant import FloorPlant
 from ballbot_ros.ros.conversions import to_time
 from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.frames import Frames
+from ballbot_ros.steering.model import moved_to
 
 MARKER_PERIOD = 0.1  # [s]
 HALF_WIDTH = 0.5  # of ground and steps, to both sides [m]
@@ -86,8 +87,8 @@ def _contact_markers(state: State, model: Model, frame: str,
 
     def place(x: float, z: float) -> Place:
         """Return a point of the vertical plane of the path."""
-        return (pose[0] + (x - state.x) * math.cos(pose[2]),
-                pose[1] + (x - state.x) * math.sin(pose[2]), z)
+        return (*moved_to(pose[:2], pose[2], x - state.x), z)
+
     points, arrows = [], []
     for touch in model.touches(state):
         along, up = force_components(

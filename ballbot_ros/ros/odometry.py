@@ -10,7 +10,7 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Header, String
 
 from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.ros.conversions import to_time
+from ballbot_ros.ros.conversions import to_time, yawed
 from ballbot_ros.ros.endpoints import create_publisher, has_subscribers
 from ballbot_ros.ros.frames import Frames
 from ballbot_ros.ros.urdf import AXIS, LEAN_AXIS, robot_description, TILT_AXIS
@@ -54,8 +54,7 @@ class OdometryTopics:
             x, y, heading = pose
             header = Header(stamp=to_time(stamp), frame_id=self.frames.map)
             self._transforms.publish(TFMessage(transforms=[_transform(
-                header, self.frames.map, self.frames.odom, (x, y, 0.0),
-                (0.0, 0.0, math.sin(0.5 * heading), math.cos(0.5 * heading)))]))
+                header, self.frames.map, self.frames.odom, (x, y, 0.0), yawed(heading))]))
 
     def enable_odometry(self, enabled: bool) -> None:
         """Enable or disable publishing ``odom`` and its transform."""
@@ -89,10 +88,10 @@ class OdometryTopics:
         message = make()
         transforms = self._turned(message.header, ball_angle, joint_angle, lateral)
         if self._odometry is not None:
-            at, turned = message.pose.pose.position, message.pose.pose.orientation
+            at = message.pose.pose.position
             transforms.insert(0, _transform(
                 message.header, self.frames.odom, message.child_frame_id, (at.x, at.y, at.z),
-                (turned.x, turned.y, turned.z, turned.w)))
+                message.pose.pose.orientation))
             self._odometry.publish(message)
         if self._transforms is not None and transforms:
             self._transforms.publish(TFMessage(transforms=transforms))
@@ -110,16 +109,17 @@ class OdometryTopics:
                      (frames.axle, frames.ball, AXIS, ball_angle),
                      (frames.ball, frames.carrier, AXIS, joint_angle),
                      (frames.carrier, frames.pendulum, LEAN_AXIS, lateral.lean)]
-        return [_transform(header, parent, child, rotation=(
-            *(math.sin(0.5 * angle) * part for part in axis), math.cos(0.5 * angle)))
+        return [_transform(header, parent, child, rotation=Quaternion(
+            w=math.cos(0.5 * angle),
+            **dict(zip('xyz', (math.sin(0.5 * angle) * part for part in axis)))))
                 for parent, child, axis, angle in chain]
 
 
 def _transform(header: Header, parent: str, child: str,
                translation: Sequence[float] = (0.0, 0.0, 0.0),
-               rotation: Sequence[float] = (0.0, 0.0, 0.0, 1.0)) -> TransformStamped:
-    """Return a transform of a translation [m] and a quaternion (x, y, z, w)."""
+               rotation: Quaternion = Quaternion()) -> TransformStamped:
+    """Return a transform of a translation [m] and a rotation."""
     return TransformStamped(
         header=Header(stamp=header.stamp, frame_id=parent), child_frame_id=child,
         transform=Transform(translation=Vector3(**dict(zip('xyz', map(float, translation)))),
-                            rotation=Quaternion(**dict(zip('xyzw', map(float, rotation))))))
+                            rotation=rotation))

@@ -16,6 +16,7 @@ from ballbot_ros.floors.profile import area_height
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.results.faces import faces_of
+from ballbot_ros.steering.model import moved_to
 from ballbot_ros.view.floor_parts import base_level, floor_parts, GROUND, Mesh
 from ballbot_ros.view.frame import Frame
 from ballbot_ros.view.source import Source
@@ -131,9 +132,7 @@ def place_of(source: Source, frame: Frame) -> Optional[Point]:
     if frame.place is None:
         return None
     x, y, heading = source.start_pose
-    cosine, sine = math.cos(heading), math.sin(heading)
-    return (x + cosine * frame.place[0] - sine * frame.place[1],
-            y + sine * frame.place[0] + cosine * frame.place[1], frame.y)
+    return (*moved_to((x, y), heading, *frame.place[:2]), frame.y)
 
 
 class Stage:

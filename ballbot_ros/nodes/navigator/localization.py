@@ -14,6 +14,7 @@ from ballbot_ros.floors.floor import Point
 from ballbot_ros.nodes.navigator.settings import NavigatorSettings
 from ballbot_ros.ros.conversions import to_seconds
 from ballbot_ros.ros.endpoints import create_subscription, ODOMETRY_TIMEOUT
+from ballbot_ros.steering.model import moved_to
 
 MOST_POINTS = 120  # approximate number of points that are used of a scan
 
@@ -22,8 +23,9 @@ Pose = Tuple[float, float, float]
 
 def heading_of(orientation: Any) -> float:
     """Return the yaw of a quaternion of any length [rad], NaN if all components are 0."""
-    turn = rotation_of(orientation)
-    return math.atan2(turn[1, 0], turn[0, 0])
+    x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
+    ahead, aside = w * w + x * x - y * y - z * z, 2.0 * (w * z + x * y)
+    return math.atan2(aside, ahead) if x * x + y * y + z * z + w * w else math.nan
 
 
 def rotation_of(orientation: Any) -> NDArray[np.float64]:
@@ -88,8 +90,7 @@ class Localization:
         if self._offset is None:
             return None
         left, up, turn = self._offset
-        return (left + math.cos(turn) * x - math.sin(turn) * y,
-                up + math.sin(turn) * x + math.cos(turn) * y, heading + turn)
+        return (*moved_to((left, up), turn, x, y), heading + turn)
 
     def points(self, pose: Pose, base: str, since: float) -> Optional[Tuple[Point, ...]]:
         """

@@ -12,7 +12,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.navigation import Route
-from ballbot_ros.ros.conversions import set_point_message
+from ballbot_ros.ros.conversions import set_point_message, yawed
 from ballbot_ros.ros.endpoints import create_publisher, wait_until_received
 
 COLOURS = {True: (0.1, 0.65, 0.25), False: (0.85, 0.5, 0.1)}  # crossing of high probability or not
@@ -22,8 +22,7 @@ def stamped_pose(frame: str, stamp: Time, x: float, y: float, heading: float) ->
     message = PoseStamped()
     message.header.frame_id, message.header.stamp = frame, stamp
     message.pose.position.x, message.pose.position.y = x, y
-    message.pose.orientation.z = math.sin(0.5 * heading)
-    message.pose.orientation.w = math.cos(0.5 * heading)
+    message.pose.orientation = yawed(heading)
     return message
 
 

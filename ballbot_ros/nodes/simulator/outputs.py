@@ -25,6 +25,7 @@ from ballbot_ros.ros.markers import floor_markers, MarkerTopic, world_markers
 from ballbot_ros.ros.message_bytes import CDR, JointStateBytes
 from ballbot_ros.ros.odometry import OdometryTopics
 from ballbot_ros.ros.parameters import Commit
+from ballbot_ros.steering.model import moved_to
 
 # A serialized rosgraph_msgs/Clock (little-endian CDR), cheaper than a message at this rate.
 CLOCK = struct.Struct('<4siI')
@@ -181,9 +182,9 @@ class PlaceOnMap:
         turned = heading + float(self._error[2])
         if not self._error.any():
             return x, y, heading
-        cosine, sine = math.cos(turned), math.sin(turned)
-        return (float(true_x + self._error[0] - cosine * place[0] + sine * place[1]),
-                float(true_y + self._error[1] - sine * place[0] - cosine * place[1]), turned)
+        away_x, away_y = self._error[:2].tolist()
+        shown = true_x + away_x, true_y + away_y
+        return (*moved_to(shown, turned, -place[0], -place[1]), turned)
 
 
 class Sensors:
