@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Start the bridge to a real motor, with the control laws on board, and an IMU."""
 from ballbot_ros.bridge.hardware_file import load_hardware
-from ballbot_ros.ros.launching import describe, HARDWARE, IMU, ROBOT, TUNING
+from ballbot_ros.ros.launching import describe, HARDWARE, ROBOT, TUNING
 
 ARGUMENTS = (
-    ROBOT, *HARDWARE, TUNING, *IMU,
+    ROBOT, *HARDWARE, TUNING,
     ('control', 'onboard',
      'Where the laws run: onboard in the bridge, direct in a separate node controller'),
     ('rate', '500.0', 'In direct control: loop_rate of the hardware file, for the controller'),
@@ -13,17 +13,11 @@ ARGUMENTS = (
 
 def start(given):
     """Return the nodes, without use_sim_time: real motors run in real time."""
-    nodes = [given.node('bridge', {
-        'hardware': given['hardware'], 'port': given['port'], 'tuning': given['tuning'],
-        'control': given['control'], **given.frames()})]
+    nodes = given.motor(given['control'])
     if given['control'] == 'direct':
         nodes.append(given.node('controller', {
             'robot': given.robot(real=True), 'tuning': given['tuning'],
             'rate': given.number('rate'), 'delay': 1}))
-    if given['imu_port']:
-        nodes.append(given.node('imu', {
-            'port': given['imu_port'], 'axes': given['imu_axes'],
-            'frame_prefix': given['frame_prefix']}))
     return [*nodes, *given.viewers(load_hardware(given['hardware']).robot, simulated=False)]
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Start a simulated or real robot with its laws on board, and the obstacle decision."""
 from ballbot_ros.bridge.hardware_file import load_hardware
-from ballbot_ros.ros.launching import describe, HARDWARE, IMU, ROBOT, SCENE, TUNING
+from ballbot_ros.ros.launching import describe, HARDWARE, ROBOT, SCENE, TUNING
 
 ARGUMENTS = (
     ('target', 'sim', 'sim for the simulator, hardware for the bridge to a real motor',
@@ -12,14 +12,14 @@ ARGUMENTS = (
     ('terrain_rate', '50.0', 'sim: rate of terrain_observation [Hz]; 0 for none'),
     ('start_paused', 'false', 'sim: true to wait for the service simulator/resume'),
     ('publish_clock', 'true', 'sim: false to follow the /clock of another simulator'),
-    *HARDWARE, *IMU,
+    *HARDWARE,
 )
 
 
 def start(given):
     """Return the nodes; only a simulated robot uses simulated time."""
     simulated = given['target'] == 'sim'
-    nodes = simulation(given) if simulated else hardware(given)
+    nodes = simulation(given) if simulated else given.motor('onboard')
     real = None if simulated else load_hardware(given['hardware'])
     if given.flag('decision'):
         # The bridge refuses set-points beyond its angle limit.
@@ -40,18 +40,6 @@ def simulation(given):
         'terrain_rate': given.number('terrain_rate'),
         'start_paused': given.flag('start_paused'),
         'publish_clock': given.flag('publish_clock'), **given.frames()})]
-
-
-def hardware(given):
-    """Return the bridge and, if imu_port is given, the node imu."""
-    nodes = [given.node('bridge', {
-        'control': 'onboard', 'tuning': given['tuning'], 'hardware': given['hardware'],
-        'port': given['port'], **given.frames()})]
-    if given['imu_port']:
-        nodes.append(given.node('imu', {
-            'port': given['imu_port'], 'axes': given['imu_axes'],
-            'frame_prefix': given['frame_prefix']}))
-    return nodes
 
 
 def generate_launch_description():

@@ -40,8 +40,7 @@ TUNING = ('tuning', 'gentle',
 HARDWARE: Tuple[Argument, ...] = (
     ('hardware', 'gimball_odrive',
      'hardware: name of a hardware file in config/hardware, or the path of a YAML file'),
-    ('port', '', 'hardware: serial device, URL or CAN interface; empty for that of the file'))
-IMU: Tuple[Argument, ...] = (
+    ('port', '', 'hardware: serial device, URL or CAN interface; empty for that of the file'),
     ('imu_port', '',
      'hardware: serial device of a WitMotion sensor; empty where another node publishes imu'),
     ('imu_axes', 'x y z', 'hardware: axes of the sensor that point forward, left and up'))
@@ -104,6 +103,17 @@ class Given:
                 f'launch argument params_file: there is no file {given!r}',
                 'missing', 'params_file')
         return [given] if given else []
+
+    def motor(self, control: str) -> List[Any]:
+        """Return the bridge, with its source of torque, and the node imu if its port is given."""
+        nodes = [self.node('bridge', {
+            'control': control, 'tuning': self['tuning'], 'hardware': self['hardware'],
+            'port': self['port'], **self.frames()})]
+        if self['imu_port']:
+            nodes.append(self.node('imu', {
+                'port': self['imu_port'], 'axes': self['imu_axes'],
+                'frame_prefix': self['frame_prefix']}))
+        return nodes
 
     def frames(self) -> Dict[str, Any]:
         """Return the parameters of a node that publishes frames, see `viewers`."""
