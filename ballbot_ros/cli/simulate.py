@@ -5,7 +5,7 @@ from importlib.util import find_spec
 from pathlib import Path
 import shutil
 from time import perf_counter
-from typing import Any, Optional
+from typing import Any, Iterator, Optional
 
 from ballbot_ros.cli.options import (
     add_format, add_number, add_out, add_quiet, refuse_without, warn)
@@ -90,12 +90,16 @@ def run(arguments: argparse.Namespace) -> int:
     wall_time = perf_counter() - start - (compile_time() - compiled)
     from ballbot_ros.results import summarise
     summary = summarise(trajectory, wall_time)
-    files = write_all(trajectory, summary, folder, arguments)
-    # After Ctrl-C no animation is drawn.
-    cut = animation is not None and not summary.complete and failure is None
-    if animation is not None and not cut:
-        cut = not write_animation(trajectory, animation, summary.name, arguments)
-        files += [] if cut else [animation]
+    files: list[Path] = []
+    interrupted = not summary.complete and failure is None
+    try:
+        for path in write_all(trajectory, summary, folder, arguments):
+            files.append(path)
+        if animation is not None and not interrupted:
+            write_animation(trajectory, animation, summary.name, arguments)
+            files.append(animation)
+    except KeyboardInterrupt:
+        interrupted = True
     for name in ALL_FILES:  # remove files of the replaced run
         if folder / name not in files:
             (folder / name).unlink(missing_ok=True)
@@ -110,13 +114,10 @@ def run(arguments: argparse.Namespace) -> int:
     if failure is not None:
         print_error(f'{failure}; the preceding part was written to {folder}')
         return FAILED
-    if not summary.complete:
-        print_error(f'interrupted at {summary.duration:g} s of {scene.run.duration:g} s; the '
-                    f'part so far was written to {folder}' + ', without an animation' * cut)
-        return INTERRUPTED
-    if cut:
-        print_error(f'interrupted before {animation} was complete; it was not written; '
-                    f'the other files are in {folder}')
+    if interrupted:
+        without = '' if animation is None or animation in files else f'; no {animation}'
+        print_error(f'interrupted; {summary.duration:g} s of {scene.run.duration:g} s are in '
+                    f'{folder}: {", ".join(path.name for path in files) or "no file"}{without}')
         return INTERRUPTED
     return DONE
 
@@ -157,18 +158,14 @@ def playback_of(arguments: argparse.Namespace) -> float:
     return 1.0 if arguments.playback is None else float(arguments.playback)
 
 
-def write_animation(trajectory: Any, path: Path, name: str, arguments: argparse.Namespace) -> bool:
-    """Write the animation; return False if Ctrl-C ended it."""
+def write_animation(trajectory: Any, path: Path, name: str, arguments: argparse.Namespace) -> None:
+    """Write the animation and show the progress."""
     from ballbot_ros.figures.run import animate
     duration = float(trajectory['time'][-1])
-    try:
-        with watched(duration, arguments.quiet or arguments.json, 'animating',
-                     keeps=False) as progress:
-            animate(trajectory, path, name, playback_of(arguments),
-                    lambda done: progress(duration * done))
-    except KeyboardInterrupt:
-        return False
-    return True
+    with watched(duration, arguments.quiet or arguments.json, 'animating',
+                 keeps=False) as progress:
+        animate(trajectory, path, name, playback_of(arguments),
+                lambda done: progress(duration * done))
 
 
 def named(path: Path, folder: Path) -> str:
@@ -244,21 +241,21 @@ def refuse_idle(arguments: argparse.Namespace, scene: Any) -> None:
 
 
 def write_all(trajectory: Any, summary: Any, folder: Path,
-              arguments: argparse.Namespace) -> list[Path]:
-    """Write all files of a run and return their paths."""
-    from ballbot_ros.results import report, write_csv, write_npz, write_parquet, write_text
-    write_text(report(summary) + '\n', folder / 'summary.txt')
-    write_text(summary.to_json() + '\n', folder / 'summary.json')
-    write_csv(trajectory, folder / 'trajectory.csv')
-    write_npz(trajectory, folder / 'trajectory.npz')
-    files = [folder / name for name in NUMBERS[:-1]]
-    if find_spec('pyarrow') is not None:
-        files.append(folder / NUMBERS[-1])
-        write_parquet(trajectory, files[-1])
+              arguments: argparse.Namespace) -> Iterator[Path]:
+    """Write the files of a run, and yield the path of each complete one."""
+    from ballbot_ros.results import report, write_text, write_trajectory
+    texts = {'summary.txt': report(summary), 'summary.json': summary.to_json()}
+    for name, text in texts.items():
+        write_text(f'{text}\n', folder / name)
+        yield folder / name
+    endings = ('csv', 'npz') if find_spec('pyarrow') is None else ('csv', 'npz', 'parquet')
+    for ending in endings:
+        write_trajectory(trajectory, folder / f'trajectory.{ending}')
+        yield folder / f'trajectory.{ending}'
     if arguments.no_figures:
-        return files
+        return
     from ballbot_ros.figures.run import strip, time_series
     for name, draw in (('strip', strip), ('time_series', time_series)):
         figure = draw(trajectory, summary.name)
-        files += (folder / file for file in save_figure(figure, folder, name, arguments.format))
-    return files
+        for file in save_figure(figure, folder, name, arguments.format):
+            yield folder / file

@@ -158,6 +158,23 @@ def test_ctrl_c_keeps_the_results_so_far(tmp_path):
     assert summary['samples'] == len(time) and not summary['complete']
 
 
+def test_ctrl_c_while_writing_keeps_the_complete_files_and_none_of_a_replaced_run(
+        tmp_path, capsys, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    for name in NUMBERS | FIGURES:
+        (tmp_path / name).write_text('of an older run')
+    monkeypatch.setattr('ballbot_ros.results.files.np.savez_compressed', interrupted)
+    words = ['simulate', 'fig7_top', '--duration', '0.05', '--out', str(tmp_path), '--overwrite']
+    assert main(words) == 130
+    assert names(tmp_path) == {'summary.txt', 'summary.json', 'trajectory.csv'}
+    assert len(read_columns(tmp_path / 'trajectory.csv')['time']) == 51
+    err = capsys.readouterr().err
+    assert err.startswith('ballbot: error: ') and err.count('\n') == 1
+    assert f'{tmp_path}: summary.txt, summary.json, trajectory.csv' in err
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, 'openpty'), reason='needs a terminal')
 def test_a_terminal_shows_a_progress_bar(tmp_path):
