@@ -3,9 +3,8 @@
 import argparse
 import os
 
-from ballbot_ros.cli.graph import note
 from ballbot_ros.cli.options import add_hardware, add_port
-from ballbot_ros.cli.verb import DONE, FAILED
+from ballbot_ros.cli.verb import DONE, FAILED, note
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,7 +12,7 @@ import time
 from typing import Any, Optional, TextIO
 
 from ballbot_ros.cli.options import add_number, from_ros
-from ballbot_ros.cli.verb import DONE, FAILED, print_error
+from ballbot_ros.cli.verb import DONE, FAILED, note, print_error
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.config.optional import load_optional
 from ballbot_ros.errors import ConfigurationError
@@ -51,7 +51,6 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.step > arguments.max_speed:
         raise ConfigurationError(f'--step {arguments.step:g} is more than --max-speed '
                                  f'{arguments.max_speed:g}', 'inconsistent', '--step')
-    from ballbot_ros.cli.graph import note
     keyboard = Keyboard()
     gamepad = Gamepad() if arguments.gamepad else None
     graph, driver = from_ros(), from_ros('ballbot_ros.ros.robot_driver')

@@ -4,19 +4,13 @@ import argparse
 from functools import cache, partial
 import math
 from pathlib import Path
-import sys
 import time
 from typing import Callable
 
 from ballbot_ros.cli.options import add_number, from_ros
-from ballbot_ros.cli.verb import DONE, FAILED, print_error, Verb
+from ballbot_ros.cli.verb import DONE, FAILED, note, print_error, Verb
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.errors import ConfigurationError
-
-
-def note(sentence: str) -> None:
-    """Print a note, which is not a result, on standard error."""
-    print(sentence, file=sys.stderr, flush=True)
 
 
 def note_once(sentence: str) -> Callable[[], None]:

@@ -7,6 +7,7 @@ import sys
 from time import perf_counter
 from typing import Any, Callable, Iterable, Iterator, Optional, Sequence
 
+from ballbot_ros.cli.verb import note
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.studies.progress import ignore
 
@@ -86,8 +87,7 @@ def report_new_folders(path: Path) -> None:
     """Report on standard error that folders above a path do not exist and will be created."""
     missing = [folder for folder in path.absolute().parents if not folder.exists()]
     if missing:
-        print(f'Note: {path.parent} does not exist and will be created', file=sys.stderr,
-              flush=True)
+        note(f'Note: {path.parent} does not exist and will be created')
 
 
 def check_new_file(path: Path, overwrite: bool, option: str = '--out',
@@ -148,7 +148,7 @@ class _Bar:
             if sys.stderr.isatty():
                 self._start(done)
             elif self._line:
-                print(self._line, file=sys.stderr, flush=True)
+                note(self._line)
                 self._line = ''
 
     def _start(self, done: float) -> None:

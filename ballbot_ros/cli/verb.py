@@ -26,6 +26,11 @@ def print_error(message: str) -> None:
     print(f'ballbot: error: {" ".join(message.split())}', file=sys.stderr)
 
 
+def note(sentence: str) -> None:
+    """Print a note, which is not a result, on standard error."""
+    print(sentence, file=sys.stderr, flush=True)
+
+
 def _number(word: str) -> float:
     try:
         return float(word)
