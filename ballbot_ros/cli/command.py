@@ -15,13 +15,13 @@ import re
 import signal
 import sys
 from threading import current_thread, Event, main_thread, Timer
-from typing import Any, Iterator, Optional, Sequence
+from typing import Any, Collection, Iterator, Optional, Sequence
 import warnings
 
 from ballbot_ros import __version__
 from ballbot_ros.cli.output import compilation_shown, empty_folders_removed
 from ballbot_ros.cli.verb import (
-    DONE, FAILED, INTERRUPTED, MISUSED, Parser, PIPE_CLOSED, print_error)
+    DONE, FAILED, INTERRUPTED, MISUSED, note, Parser, PIPE_CLOSED, print_error)
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.errors import (
     BallbotError, ConfigurationError, PlausibilityWarning, SimulationError)
@@ -86,6 +86,21 @@ def load_verb(name: str) -> Any:
     return getattr(found, part) if part else found
 
 
+def parser_of(verbs: Collection[str] = tuple(VERBS)) -> Parser:
+    """Return the parser with the options of some verbs, for the documentation of all."""
+    parser = Parser(prog='ballbot', allow_abbrev=False, description=(
+        'Simulator, controller and obstacle decision for a pendulum-driven ball robot.'))
+    parser.add_argument('--version', action='version', version=f'ballbot {__version__}')
+    choices = parser.add_subparsers(dest='verb', metavar='command', parser_class=Parser)
+    for name, (_, help_text) in VERBS.items():
+        sub = choices.add_parser(name, help=help_text, allow_abbrev=False,
+                                 description=f'{help_text[0].upper()}{help_text[1:]}.')
+        if name in verbs:
+            load_verb(name).add_arguments(sub)
+            parser.of_verb = sub
+    return parser
+
+
 def main(argv: Optional[Sequence[str]] = None) -> int:
     """
     Run the command ``ballbot`` with the given arguments, by default those of the process.
@@ -134,7 +149,7 @@ def _interruption() -> Iterator[Event]:
 
     again = Timer(0.0, press)
 
-    def note(*_: object) -> None:
+    def interrupt(*_: object) -> None:
         pressed.set()
         raise KeyboardInterrupt
 
@@ -150,7 +165,7 @@ def _interruption() -> Iterator[Event]:
     ours = (current_thread() is main_thread()
             and signal.getsignal(signal.SIGINT) is signal.default_int_handler)
     if ours:
-        signal.signal(signal.SIGINT, note)
+        signal.signal(signal.SIGINT, interrupt)
         sys.unraisablehook = reraise
     try:
         yield pressed
@@ -175,17 +190,9 @@ def _run(words: list[str]) -> int:
         raise ConfigurationError(
             f'{verb!r} is not a command{suggestion(verb, VERBS)}; see ballbot --help',
             'unknown_name', verb)
-    parser = Parser(prog='ballbot', allow_abbrev=False, description=(
-        'Simulator, controller and obstacle decision for a pendulum-driven ball robot.'))
-    parser.add_argument('--version', action='version', version=f'ballbot {__version__}')
-    choices = parser.add_subparsers(dest='verb', metavar='command', parser_class=Parser)
-    for name, (_, help_text) in VERBS.items():
-        sub = choices.add_parser(name, help=help_text, allow_abbrev=False,
-                                 description=f'{help_text[0].upper()}{help_text[1:]}.')
-        if name == verb:
-            load_verb(name).add_arguments(sub)
-            parser.of_verb = sub
-            parser.words = sub.words = words
+    parser = parser_of([] if verb is None else [verb])
+    if parser.of_verb is not None:
+        parser.words = parser.of_verb.words = words
     try:
         arguments = parser.parse_args(words)
     except SystemExit as ending:  # --help and --version
@@ -224,7 +231,7 @@ def _warnings(quiet: bool) -> Iterator[None]:
             python_show(message, category, *rest, **options)
         elif str(message) not in shown:
             shown.add(str(message))
-            print(f'Warning: {message}', file=sys.stderr, flush=True)
+            note(f'Warning: {message}')
 
     try:
         with warnings.catch_warnings():
