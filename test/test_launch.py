@@ -32,7 +32,8 @@ def started(path):
             yield executable.value, {key.value for key in parameters.keys if key is not None}
 
 
-@pytest.mark.parametrize('path', LAUNCH_FILES, ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    'path', [*LAUNCH_FILES, ROOT / 'ballbot_ros' / 'ros' / 'launching.py'], ids=lambda p: p.stem)
 def test_launch_files_use_existing_nodes_and_parameters(path):
     known = {'bridge': BridgeSettings, 'simulator': SimulatorSettings,
              'controller': ControllerSettings, 'obstacle_decision': DecisionSettings,
