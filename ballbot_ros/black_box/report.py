@@ -12,7 +12,7 @@ from ballbot_ros.bridge.observer import Level
 from ballbot_ros.bridge.supervisor import ZERO_TORQUE
 from ballbot_ros.drives.capture import HEADER
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.results.files import PathLike, replacing, write_text
+from ballbot_ros.results.files import PathLike, write_columns, write_text
 
 # Time before a fault that the summary covers [s], and largest number of listed events.
 BEFORE = 1.0
@@ -199,11 +199,7 @@ def write_tables(recording: BlackBoxRecording, folder: PathLike) -> List[Path]:
         if 'state' in table:
             columns['state'] = np.array([state.name for state in STATES])[
                 np.minimum(table['state'].astype(int), len(STATES) - 1)]
-        with replacing(files[-1]) as stream:
-            stream.write((','.join(f'{title} [{units[title]}]' for title in columns)
-                          + '\n').encode())
-            for row in zip(*(column.tolist() for column in columns.values())):
-                stream.write((','.join(map(str, row)) + '\n').encode())
+        write_columns(columns, units, files[-1])
     files.append(target / 'events.csv')
     write_text('time [s],level [],text\n' + ''.join(
         f'{event.time - fault:.6f},{event.level},"{_quoted(event.text)}"\n'

@@ -15,6 +15,7 @@ from typing import Any, BinaryIO, Iterator, Mapping, Union
 import zipfile
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballbot_ros.config.optional import load_optional
 from ballbot_ros.errors import ConfigurationError
@@ -136,19 +137,18 @@ def write_trajectory(trajectory: Trajectory, path: PathLike) -> None:
     writers[ending](trajectory, path)
 
 
-def write_columns(columns: Mapping[str, Array], units: Mapping[str, str],
+def write_columns(columns: Mapping[str, NDArray[Any]], units: Mapping[str, str],
                   path: PathLike) -> None:
-    """Write columns of equal length as comma-separated values; see `write_csv`."""
+    """Write columns of equal length, numbers or words, as CSV; see `write_csv`."""
     length = len(next(iter(columns.values())))
     with replacing(path) as stream:
         header = ','.join(f'{name} [{units[name]}]' for name in columns)
         stream.write(f'{header}\n'.encode())
         for start in range(0, length, _BLOCK):
-            block = np.column_stack(
-                [values[start:start + _BLOCK] for values in columns.values()])
-            # repr is the shortest text that round-trips.
-            text = '\n'.join(','.join(map(repr, row)) for row in block.tolist())
-            stream.write(f'{text}\n'.encode())
+            block = zip(*(values[start:start + _BLOCK].tolist() for values in columns.values()))
+            # str of a float is the shortest text that round-trips.
+            text = ''.join(f'{",".join(map(str, row))}\n' for row in block)
+            stream.write(text.encode())
 
 
 def write_npz(trajectory: Trajectory, path: PathLike) -> None:
