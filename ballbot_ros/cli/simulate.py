@@ -244,10 +244,11 @@ def write_all(trajectory: Any, summary: Any, folder: Path,
               arguments: argparse.Namespace) -> Iterator[Path]:
     """Write the files of a run, and yield the path of each complete one."""
     from ballbot_ros.results import report, write_text, write_trajectory
-    texts = {'summary.txt': report(summary), 'summary.json': summary.to_json()}
-    for name, text in texts.items():
-        write_text(f'{text}\n', folder / name)
-        yield folder / name
+    from ballbot_ros.results.files import write_json
+    write_text(f'{report(summary)}\n', folder / 'summary.txt')
+    yield folder / 'summary.txt'
+    write_json(summary.to_dict(), folder / 'summary.json')
+    yield folder / 'summary.json'
     endings = ('csv', 'npz') if find_spec('pyarrow') is None else ('csv', 'npz', 'parquet')
     for ending in endings:
         write_trajectory(trajectory, folder / f'trajectory.{ending}')

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Summary of a run: extremes, contacts, steps, accuracy, warnings, and a text report."""
 from dataclasses import asdict, dataclass
-import json
 import math
 from textwrap import wrap
 from typing import Any, Iterator, Optional
@@ -61,10 +60,6 @@ class Summary:
         """Return everything as plain values for JSON; a number that is not finite is None."""
         content: dict[str, Any] = plain(asdict(self))
         return content
-
-    def to_json(self) -> str:
-        """Return the summary as a JSON object; see `to_dict`."""
-        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
 
 
 def plain(value: Any) -> Any:
