@@ -24,8 +24,6 @@ SHELL, PENDULUM = JOINTS = 'shell', 'pendulum'
 # Additional joints of a robot that turns: lean of the pendulum, tilt of the axle, and yaw of the
 # base; yaw is in joint_states for the controller, but is not a joint of the description.
 LEAN, TILT, YAW = LATERAL = 'lean', 'tilt', 'yaw'
-BALL_LINK, PENDULUM_LINK = 'ball_link', 'pendulum_link'
-AXLE_LINK, CARRIER_LINK = 'axle_link', 'carrier_link'
 
 
 @dataclass(frozen=True)
@@ -37,10 +35,10 @@ class Frames:
     base: str = 'base_link'  # level, at the centre of the ball; does not roll
     # The sensor in the shell; its readings are already rotated to the axes of `ball`.
     imu: str = 'imu_link'
-    ball: str = BALL_LINK  # the shell, which rolls; parallel to `base` at angle 0
-    pendulum: str = PENDULUM_LINK  # from the centre of the ball; hangs along its -z
-    axle: str = AXLE_LINK  # level except for the tilt of the axle
-    carrier: str = CARRIER_LINK  # turns with the pendulum, but does not lean with it
+    ball: str = 'ball_link'  # the shell, which rolls; parallel to `base` at angle 0
+    pendulum: str = 'pendulum_link'  # from the centre of the ball; hangs along its -z
+    axle: str = 'axle_link'  # level except for the tilt of the axle
+    carrier: str = 'carrier_link'  # turns with the pendulum, but does not lean with it
     map: str = 'map'  # of the floor; without the prefix
 
     @classmethod
