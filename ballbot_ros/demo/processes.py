@@ -9,8 +9,7 @@ import subprocess
 import sys
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
-import yaml
-
+from ballbot_ros.cli.new import yaml_of
 from ballbot_ros.demo.forked import Forked, run_detached
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.ros import discovery
@@ -58,12 +57,8 @@ def environment(domain: int, folder: Path) -> Dict[str, str]:
 
 def parameter_arguments(parameters: Mapping[str, Any]) -> List[str]:
     """Return the command line for parameters of a node."""
-    arguments = []
-    for name, value in parameters.items():
-        text = str(value).lower() if isinstance(value, bool) else str(value)
-        if isinstance(value, str) and not isinstance(yaml.safe_load(text), str):
-            text = f"'{text}'"  # it would be parsed as a number, or as null
-        arguments += ['-p', f'{name}:={text}']
+    arguments = [word for name, value in parameters.items()
+                 for word in ('-p', f'{name}:={yaml_of(value)}')]
     return ['--ros-args', *arguments] if arguments else []
 
 
