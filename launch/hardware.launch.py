@@ -7,18 +7,17 @@ ARGUMENTS = (
     ROBOT, *HARDWARE, TUNING,
     ('control', 'onboard',
      'Where the laws run: onboard in the bridge, direct in a separate node controller'),
-    ('rate', '500.0', 'In direct control: loop_rate of the hardware file, for the controller'),
 )
 
 
 def start(given):
     """Return the nodes, without use_sim_time: real motors run in real time."""
-    nodes = given.motor(given['control'])
+    nodes, hardware = given.motor(given['control']), load_hardware(given['hardware'])
     if given['control'] == 'direct':
         nodes.append(given.node('controller', {
             'robot': given.robot(real=True), 'tuning': given['tuning'],
-            'rate': given.number('rate'), 'delay': 1}))
-    return [*nodes, *given.viewers(load_hardware(given['hardware']).robot, simulated=False)]
+            'rate': hardware.connection.loop_rate, 'delay': 1}))
+    return [*nodes, *given.viewers(hardware.robot, simulated=False)]
 
 
 def generate_launch_description():

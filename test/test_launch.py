@@ -12,6 +12,7 @@ import runpy
 import pytest
 from refusals import refused
 
+from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.cli.run import NODES
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.nodes.controller.settings import ControllerSettings
@@ -126,6 +127,13 @@ def test_the_robot_is_that_of_the_scene_or_of_the_hardware_file_unless_one_is_na
     assert Given(context).robot(real=True) == 'gimball'
     context.launch_configurations['robot'] = 'mine.yaml'
     assert Given(context).robot(real=False) == 'mine.yaml'
+
+
+def test_in_direct_control_the_controller_has_the_rate_of_the_hardware_file(installed):
+    nodes = process_actions(ROOT / 'launch' / 'hardware.launch.py', control='direct')
+    controller, = (node for node in nodes if node.node_executable == 'controller')
+    assert parameters_of(controller)['rate'] == load_hardware(
+        'gimball_odrive').connection.loop_rate
 
 
 def test_all_topics_can_be_recorded():
