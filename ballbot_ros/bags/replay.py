@@ -19,8 +19,9 @@ from ballbot_ros.errors import ConfigurationError, MessageError, SimulationError
 from ballbot_ros.physics import Scene
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.plant import Plant
+from ballbot_ros.results.units import SI
 from ballbot_ros.steering import law as steering_law
-from ballbot_ros.studies.recording import CHANNELS, Recording, replay
+from ballbot_ros.studies.recording import Recording, replay
 
 
 class Commands:
@@ -200,7 +201,7 @@ def rerun(plant: Plant, run: RecordedRun, torques: Torques) -> Rerun:
 # Times, measured values and model values.
 Series = Mapping[str, Tuple[Array, Array, Array]]
 
-UNITS = {**CHANNELS, **LATERAL_STATE, 'pendulum_torque': 'N m', 'motor_work': 'J'}
+UNITS = {**SI, **LATERAL_STATE}
 DEPARTURE_SHARE = 0.05  # fraction of the range of a channel; a larger difference is a departure
 JOINTS, ODOMETRY = ('ball_angle', 'ball_rate', 'joint_angle', 'joint_rate'), ('x', 'velocity_x')
 

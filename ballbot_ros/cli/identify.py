@@ -84,11 +84,11 @@ def command_of(arguments: argparse.Namespace) -> str:
 def content_of(found: Any) -> dict[str, Any]:
     """Return the result as JSON values."""
     from ballbot_ros.results.summary import plain
-    from ballbot_ros.studies.recording import CHANNELS
+    from ballbot_ros.results.units import SI
     return {
         'estimates': [plain(item._asdict()) for item in found.estimates],
         'vague': found.vague, 'rivals': found.rivals,
-        'channels': {name: {**plain(item._asdict()), 'unit': CHANNELS[name]}
+        'channels': {name: {**plain(item._asdict()), 'unit': SI[name]}
                      for name, item in found.channels.items()},
         'warnings': list(warnings_of(found)), 'interrupted': found.interrupted,
         'singular_values': found.singular_values, 'simulations': found.runs}
@@ -96,9 +96,9 @@ def content_of(found: Any) -> dict[str, Any]:
 
 def warnings_of(found: Any) -> Iterator[str]:
     """Yield warnings about the fit, a sentence per channel."""
-    from ballbot_ros.studies.recording import CHANNELS
+    from ballbot_ros.results.units import SI
     for name, item in found.channels.items():
-        unit = CHANNELS[name]
+        unit = SI[name]
         if item.verdict == 'poor':
             yield (f'{name}: poor fit, residual RMS {item.residual_rms:.3g} {unit}, while the '
                    f'channel varies by {item.motion:.3g} {unit}')
@@ -112,7 +112,7 @@ def warnings_of(found: Any) -> Iterator[str]:
 
 def print_table(found: Any) -> None:
     """Print parameters with their intervals, and those that are not identifiable."""
-    from ballbot_ros.studies.recording import CHANNELS
+    from ballbot_ros.results.units import SI
     from ballbot_ros.table import table
     print(table([('parameter', 'guess', 'estimate', '95 % interval'), *(
         (item.name, f'{item.start:.5g}', f'{item.value:.5g}',
@@ -125,5 +125,5 @@ def print_table(found: Any) -> None:
         parts = ', '.join(f'{name} {value:.5g}' for name, value in rival.items())
         print(f'other values that fit equally well: {parts}')
     print('residual RMS: ' + ', '.join(
-        f'{name} {item.residual_rms:.3g} {CHANNELS[name]}'
+        f'{name} {item.residual_rms:.3g} {SI[name]}'
         for name, item in found.channels.items()))

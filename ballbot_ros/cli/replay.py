@@ -176,8 +176,7 @@ def write(found: Replayed, folder: Path, title: str, kind: str) -> list[str]:
         figure = departure_figure(found.series, UNITS, f'{title}: recording and model')
         files += save_figure(figure, folder, 'replay', kind)
     if found.files:
-        write_columns(found.files['recording.csv'], {**UNITS, 'time': 's'},
-                      folder / 'recording.csv')
+        write_columns(found.files['recording.csv'], UNITS, folder / 'recording.csv')
         write_text('# The scene of a recording, for "ballbot identify".\n' + yaml.safe_dump(
             found.files['scene.yaml'], sort_keys=False), folder / 'scene.yaml')
         files += ['recording.csv', 'scene.yaml']

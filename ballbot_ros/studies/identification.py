@@ -31,9 +31,9 @@ from ballbot_ros.physics.model.robot import described, MOTOR, ROBOT, with_parame
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.scene import Initial
 from ballbot_ros.physics.simulation.solver import Solver
-from ballbot_ros.results.units import CONVERSIONS
+from ballbot_ros.results.units import CONVERSIONS, SI
 from ballbot_ros.studies.progress import ignore
-from ballbot_ros.studies.recording import CHANNELS, GRID, Recording, replay, SOLVER
+from ballbot_ros.studies.recording import GRID, Recording, replay, SOLVER
 
 # Parameters that can be estimated: of the robot, its motor and the initial state.
 INITIAL = described(Initial, 'initial.')
@@ -387,7 +387,7 @@ def check_units(ranges: Mapping[str, Tuple[float, float]]) -> None:
     """
     problems, suspects = [], []
     for name, (measured, simulated) in ranges.items():
-        unit = {'time': 's', **CHANNELS}[name]
+        unit = SI[name]
         other = MISLABELLED[unit]
         factor = 1.0 / CONVERSIONS[other][1]
         if measured > 0.0 < simulated and abs(

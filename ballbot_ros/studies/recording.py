@@ -12,11 +12,9 @@ from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.solver import failure, Integrator
 from ballbot_ros.physics.solvers.values import FINISHED, Status
 
-# Channels that can be compared, and their units.
-CHANNELS: Mapping[str, str] = {
-    'x': 'm', 'y': 'm', 'velocity_x': 'm/s', 'velocity_y': 'm/s', 'ball_angle': 'rad',
-    'ball_rate': 'rad/s', 'pendulum_angle': 'rad', 'pendulum_rate': 'rad/s',
-    'joint_angle': 'rad', 'joint_rate': 'rad/s'}
+# Channels that can be compared; `results.units.SI` has their units.
+CHANNELS = ('x', 'y', 'velocity_x', 'velocity_y', 'ball_angle', 'ball_rate', 'pendulum_angle',
+            'pendulum_rate', 'joint_angle', 'joint_rate')
 FEWEST_SAMPLES, MOST_SAMPLES = 8, 2000  # per channel; longer channels are decimated
 SOLVER = Solver('adaptive', 1e-3, 1e-9)
 GRID = 1e-3  # [s]: between samples of the simulation, which are interpolated
