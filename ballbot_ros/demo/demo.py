@@ -32,7 +32,9 @@ from ballbot_ros.demo.timeline import account, Expected, Passage, Timeline
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.figures.film import Mark, strip
 from ballbot_ros.figures.run import save
+from ballbot_ros.nodes.controller.settings import ControllerSettings
 from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
+from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics import load_scene, Robot, Scene
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.results.faces import faces_of
@@ -40,8 +42,10 @@ from ballbot_ros.ros.conversions import DECISION_NAMES
 from ballbot_ros.ros.signals import ending_by_signal
 from ballbot_ros.srv import Step
 
-ROBOT, CURVE, TUNING, DECISION = 'gimball', 'gimball_down', 'published', 'decision_default'
-CONTROL_RATE = 500.0  # [Hz]
+# Parameters and rates of the nodes that the demo does not change.
+ROBOT, TUNING = ControllerSettings.robot, ControllerSettings.tuning
+CURVE, DECISION = DecisionSettings.curve, DecisionSettings.tuning
+CONTROL_RATE, TERRAIN_RATE = SimulatorSettings.control_rate, SimulatorSettings.terrain_rate  # [Hz]
 DURATION_MAX = 30.0  # end of the run, in simulated time [s]
 
 TOPICS = ('joint_states', 'joint_commands', 'set_point', 'odom', 'terrain_observation',
@@ -49,8 +53,10 @@ TOPICS = ('joint_states', 'joint_commands', 'set_point', 'odom', 'terrain_observ
 TOOL_TOPICS = also_recorded()
 
 # Required rates of the topics of the simulator and, in lockstep, of the replies to them [Hz].
-STATES = {'joint_states': 500.0, 'ball_state': 100.0, 'odom': 100.0, 'terrain_observation': 50.0}
-ANSWERS = {'joint_commands': 500.0, 'set_point': 50.0, 'step_decision': 50.0}
+STATES = {'joint_states': CONTROL_RATE, 'ball_state': SimulatorSettings.ball_state_rate,
+          'odom': SimulatorSettings.odom_rate, 'terrain_observation': TERRAIN_RATE}
+ANSWERS = {'joint_commands': CONTROL_RATE, 'set_point': TERRAIN_RATE,
+           'step_decision': TERRAIN_RATE}
 
 
 class DemoCase(NamedTuple):
@@ -146,8 +152,7 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
 
     def play(case: DemoCase, domain: int, folder: Path, timeline: Timeline) -> List[str]:
         simulator, controller = loop_parameters(
-            {'scene': case.scene}, case.robot, case.tuning, 1.0 / STATES['terrain_observation'],
-            real_time, watched)
+            {'scene': case.scene}, case.robot, case.tuning, 1.0 / TERRAIN_RATE, real_time, watched)
         decision = {'robot': case.robot, 'curve': case.curve, 'control_tuning': case.tuning,
                     'planner': case.planner}
         metadata = bag_metadata(

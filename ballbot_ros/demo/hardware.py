@@ -20,9 +20,10 @@ from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.demo.recorded_graph import recorded_graph
 from ballbot_ros.demo.timeline import Timeline
 from ballbot_ros.msg import MotorStatus
+from ballbot_ros.nodes.bridge.settings import BridgeSettings
 from ballbot_ros.ros.endpoints import create_subscription
 
-TUNING = 'gentle'  # gains that are stable with a sample of delay and an estimated angle
+TUNING = BridgeSettings.tuning  # stable with a sample of delay and an estimated angle
 MORE_TOPICS = ('imu', 'motor_status')
 # Wall time between two calls of a service [s].
 CALL_PERIOD = 0.3

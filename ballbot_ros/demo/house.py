@@ -30,6 +30,7 @@ from ballbot_ros.navigation import RoutePlanner
 from ballbot_ros.nodes.navigator.goals import NavigateToPose
 from ballbot_ros.nodes.navigator.node import PERIOD
 from ballbot_ros.nodes.navigator.outputs import stamped_pose
+from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics import Robot
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros.conversions import to_time
@@ -38,7 +39,7 @@ from ballbot_ros.steering.model import moved_to
 
 DURATION_MAX = 300.0  # end of the run, in simulated time [s]
 # Required rates [Hz]: the navigator publishes commands only while it has a goal.
-RATES = {**STATES, 'scan': 10.0}
+RATES = {**STATES, 'scan': SimulatorSettings.scan_rate}
 LOCKSTEP_RATES = {**RATES, 'joint_commands': ANSWERS['joint_commands']}
 OTHER_TOPICS = ('cmd_vel', 'set_point', 'plan', 'map')
 
