@@ -18,7 +18,7 @@ Values = Dict[str, float]
 # Fields of a ball_state that determine the further motion, and the motor torque.
 BALL_STATE = ('x', 'y', 'ball_angle', 'pendulum_angle', 'velocity_x', 'velocity_y', 'ball_rate',
               'pendulum_rate', 'pendulum_torque', 'motor_work')
-# Units; absent in bags of versions without steering.
+# Further fields of a ball_state, for a steered robot, with their units.
 LATERAL_STATE = {
     'position_x': 'm', 'position_y': 'm', 'heading': 'rad', 'yaw_rate': 'rad/s',
     'lean': 'rad', 'lean_rate': 'rad/s', 'tilt': 'rad', 'tilt_rate': 'rad/s'}
@@ -171,8 +171,8 @@ def _handlers(run: RecordedRun) -> Dict[
             run.joints, stamp_of(message), joint_values(message))),
         'ball_state': (STATE_TYPES['ball_state'], lambda message: state(
             run.balls, stamp_of(message), {
-                name: float(getattr(message, name)) for name in (*BALL_STATE, *LATERAL_STATE)
-                if hasattr(message, name)})),
+                name: float(getattr(message, name))
+                for name in (*BALL_STATE, *LATERAL_STATE)})),
         'odom': ('Odometry', lambda message: run.odometry.setdefault(stamp_of(message), {
             'x': float(message.pose.pose.position.x),
             'velocity_x': float(message.twist.twist.linear.x)})),

@@ -77,9 +77,8 @@ class FrameAssembly:
             EnergyShares(message.kinetic_energy, message.potential_energy, message.contact_energy,
                          message.dissipated_energy, message.motor_work),
             self._decision, self._e_stop,
-            (message.position_x, message.position_y, message.heading)
-            if hasattr(message, 'heading') else None,
-            getattr(message, 'lean', 0.0), getattr(message, 'tilt', 0.0))
+            (message.position_x, message.position_y, message.heading), message.lean,
+            message.tilt)
 
     def _take_joint_states(self, message: Any) -> Optional[Frame]:
         time = stamp_of(message) / 1e9

@@ -230,10 +230,12 @@ def test_the_true_state_precedes_the_measured_one_while_it_is_published():
     assembly = FrameAssembly(GIMBALL)
     state = SimpleNamespace(
         header=header(1.0), x=0.5, y=0.2, ball_angle=0.0, pendulum_angle=np.nan, velocity_x=0.0,
-        velocity_y=0.0, ball_rate=0.0, pendulum_rate=np.nan, pendulum_torque=np.nan, contacts=[],
+        velocity_y=0.0, ball_rate=0.0, pendulum_rate=np.nan, pendulum_torque=np.nan,
+        position_x=0.4, position_y=0.3, heading=0.6, lean=0.1, tilt=-0.2, contacts=[],
         kinetic_energy=0.0, potential_energy=0.0, contact_energy=0.0, dissipated_energy=0.0,
         motor_work=0.0)
     frame = assembly.take('ball_state', state)
     assert frame.contacts == () and frame.pendulum_angle is None
+    assert (frame.place, frame.lean, frame.tilt) == ((0.4, 0.3, 0.6), 0.1, -0.2)
     assert assembly.take('joint_states', joint_state(1.1, 0.0, 0.0)) is None
     assert assembly.take('joint_states', joint_state(2.0, 0.0, 0.0)) is not None
