@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Draw docs/figures/work_precision from docs/bench.json, which precision.py writes.
+Draw docs/figures/work_precision.png from docs/bench.json, which precision.py writes.
 
 Also prints the table of ratios, and the function evaluations of each solver for 1 um.
 
@@ -99,9 +99,7 @@ def main():
     handles, labels = rows[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc='lower center', ncol=4, frameon=False, fontsize=8.5)
     figure.tight_layout(rect=(0, 0.07, 1, 1))
-    for kind in ('png', 'svg'):
-        figure.savefig(DOCS / 'figures' / f'work_precision.{kind}', dpi=160,
-                       metadata={'Date': None} if kind == 'svg' else None)
+    figure.savefig(DOCS / 'figures' / 'work_precision.png', dpi=160)
     print(ratio_table(stored['ratios']))
     for scene, entry in scenes.items():
         calls = {name: [point['calls'] for (error, _, _), point in zip(

@@ -172,9 +172,7 @@ def save_small(figure, path):
 def main():
     """Draw all into the folder on the command line, docs/figures by default."""
     folder = path_argument('folder', ROOT / 'docs' / 'figures')
-    figure = conventions()
-    for kind in canvas.FORMATS:
-        save(figure, folder / f'conventions.{kind}')
+    save_small(conventions(), folder / 'conventions.png')
     crossing = load_scene('fig7_bottom').simulate()
     save(strip(crossing, 'fig7_bottom'), folder / 'crossing.png')
     animate(crossing, folder / 'crossing.gif', 'fig7_bottom', playback=0.4)

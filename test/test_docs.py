@@ -36,6 +36,13 @@ def test_every_document_is_in_the_contents_of_the_site():
     assert len(listed) == len(set(listed))
 
 
+def test_a_page_shows_each_figure():
+    pages = [ROOT / 'README.md', *DOCS.glob('*.md')]
+    shown = {Path(figure).name for page in pages
+             for figure in re.findall(r'!\[.*?\]\(([^)]+)\)', page.read_text(encoding='utf-8'))}
+    assert {path.name for path in (DOCS / 'figures').iterdir()} == shown
+
+
 @pytest.mark.parametrize('name', re.findall(
     r'automodule:: ballbot_ros\.(\w+)', (DOCS / 'python.md').read_text(encoding='utf-8')))
 def test_each_package_of_the_python_reference_has_examples_and_they_run(name):
@@ -111,7 +118,7 @@ def test_the_site_is_built_without_a_warning_and_loads_nothing_from_other_machin
 @pytest.mark.slow
 def test_links_that_leave_the_folder_of_the_documents_stay_in_the_site(site):
     page = (site / 'model.html').read_text(encoding='utf-8')
-    assert '_images/conventions.svg' in page
+    assert '_images/conventions.png' in page
     front = (site / 'generated' / 'readme.html').read_text(encoding='utf-8')
     assert 'href="../model.html"' in front and '.md"' not in front
 
