@@ -13,7 +13,7 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 import numpy as np
 
 from ballbot_ros.bags.recorded_run import LATERAL_STATE, RecordedRun, Values
-from ballbot_ros.config.files import find_config, is_path, read_yaml
+from ballbot_ros.config.files import located, read_config
 from ballbot_ros.control import JointReadings, SupervisedController
 from ballbot_ros.errors import ConfigurationError, MessageError, SimulationError
 from ballbot_ros.physics import Scene
@@ -292,9 +292,9 @@ def scene_content(scene: str, robot: str, columns: Mapping[str, Array]) -> Dict[
     Scene and robot are names or files; an empty robot keeps that of the scene.  The x of the
     columns is moved to the start of the scene, because odometry always starts at 0.
     """
-    content = dict(read_yaml(find_config('scenes', scene)))
+    content = dict(read_config('scenes', scene)[1])
     robot = robot or str(content.get('robot', ''))
-    content['robot'] = str(Path(robot).expanduser().resolve()) if is_path(robot) else robot
+    content['robot'] = located(robot, Path.cwd())
     initial = dict(content.get('initial') or {})
     x = float(initial.get('x', 0.0))
     if 'x' in columns:

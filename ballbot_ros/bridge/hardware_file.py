@@ -26,7 +26,7 @@ class HardwareNames(Checked):
     """Names in a hardware file."""
 
     name: str = text('name of this hardware')
-    robot: str = text('name of its robot')
+    robot: str = text('name or file of its robot')
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ class Hardware:
     """Motor, joint and sensors of one robot."""
 
     name: str
-    robot: str  # name of its robot
+    robot: str  # name or file of its robot
     connection: Connection
     joint: Joint
     limits: Limits

@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.bridge.commissioning.calibration import Calibrator
     from ballbot_ros.bridge.drive_line import connector, handshake
     from ballbot_ros.bridge.hardware_file import load_hardware
-    from ballbot_ros.config.files import find_config, read_yaml
+    from ballbot_ros.config.files import read_config, relative
     from ballbot_ros.errors import ConfigurationError
     from ballbot_ros.physics.model.robot import load_robot
     from ballbot_ros.results.files import check_writable
@@ -56,10 +56,12 @@ def run(arguments: argparse.Namespace) -> int:
             found = Calibrator(hardware, load_robot(hardware.robot), driver, Console()).run()
     finally:
         driver.line.close()
-    content = dict(read_yaml(find_config('hardware', arguments.hardware)))
-    content['name'] = arguments.out.stem
-    content['connection'] = {**content['connection'], 'port': hardware.connection.port}
-    write(arguments.out, content, found, arguments.hardware)
+    _, content = read_config('hardware', arguments.hardware)
+    write(arguments.out, {
+        **content, 'name': arguments.out.stem,
+        'robot': relative(hardware.robot, arguments.out.parent),
+        'connection': {**content['connection'], 'port': hardware.connection.port}},
+        found, arguments.hardware)
     print(f'Written: {arguments.out}.  Next: ros2 run ballbot_ros bridge --ros-args -p '
           f'hardware:={arguments.out.resolve()}')
     return 0

@@ -49,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.cli import file_kinds
     from ballbot_ros.cli.output import check_new_file, YAML
+    from ballbot_ros.config.files import relative
     from ballbot_ros.physics import load_robot, load_scene
     from ballbot_ros.results.files import write_text
     path, (_, takes, follow) = arguments.file, KINDS[arguments.kind]
@@ -58,9 +59,9 @@ def run(arguments: argparse.Namespace) -> int:
         refuse_without(arguments, f'a kind other than {arguments.kind}', option in takes,
                        f'--{option}')
         if value is not None:
-            given[option] = value
             if option != 'protocol':
                 (load_robot if option == 'robot' else load_scene)(value)
+            given[option] = value if arguments.kind == 'robot' else relative(value, path.parent)
     check_new_file(path, arguments.overwrite, 'FILE', YAML)
     sections = file_kinds.KINDS[arguments.kind](path.stem, **given)
     write_text(template(arguments.kind, sections), path)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Find and read configuration files: shipped ones by name, others by path."""
 import math
+import os
 from pathlib import Path
 import re
 import sys
@@ -46,6 +47,19 @@ def shipped_files(kind: str) -> list[Path]:
 def is_path(name_or_path: str) -> bool:
     """Return whether this is a path, with a ``/`` or the extension of a YAML file, not a name."""
     return '/' in name_or_path or name_or_path.endswith(('.yaml', '.yml'))
+
+
+def located(name_or_path: str, folder: Path) -> str:
+    """Return the name of a shipped file unchanged, and a path relative to a folder as a path."""
+    return str(folder / Path(name_or_path).expanduser()) if is_path(name_or_path) \
+        else name_or_path
+
+
+def relative(name_or_path: str, folder: Path) -> str:
+    """Return the argument of `located` for a name or path: a relative path starts at a folder."""
+    path = Path(name_or_path).expanduser()
+    return os.path.relpath(path, folder) if is_path(name_or_path) and not path.is_absolute() \
+        else str(path)
 
 
 def find_config(kind: str, name_or_path: Union[str, Path]) -> Path:
@@ -181,9 +195,15 @@ SIGNATURES: Mapping[str, set[str]] = {
 
 
 def read_config(kind: str, name_or_path: Union[str, Path]) -> tuple[Path, Mapping[str, Any]]:
-    """Return path and content of a file; refuses as `find_config`, and a file of another kind."""
+    """
+    Return path and content of a file; the path of a robot in it is relative to the file.
+
+    Refuses as `find_config`, and a file of another kind.
+    """
     path = find_config(kind, name_or_path)
     content = read_yaml(path)
+    if isinstance(content.get('robot'), str):
+        content = {**content, 'robot': located(content['robot'], path.parent)}
     if kind not in SIGNATURES:
         return path, content
     found = max(SIGNATURES, key=lambda other: len(SIGNATURES[other] & content.keys()))

@@ -20,7 +20,7 @@ from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
 from ballbot_ros.bags.recorded_run import BALL_STATE, recorded_trajectory, stamp_of
 from ballbot_ros.bags.writer import also_recorded, BagRecorder, verdict
 from ballbot_ros.config.fields import check_value
-from ballbot_ros.config.files import find_config, read_yaml, shipped_files
+from ballbot_ros.config.files import read_config, shipped_files
 from ballbot_ros.control import checked_controller, load_tuning
 from ballbot_ros.decision import load_curve, load_decision_tuning
 from ballbot_ros.decision.tuning import check_decision
@@ -105,7 +105,7 @@ def demo_cases(scene: Optional[str] = None, robot: Optional[str] = None,
             return known
     scene = scene or CASES[0].scene
     load_scene(scene, robot)  # refuses invalid content
-    name = robot or str(read_yaml(find_config('scenes', scene))['robot'])
+    name = robot or str(read_config('scenes', scene)[1]['robot'])
     kind = load_robot(name)
     tuning = tuning or TUNING
     checked_controller(kind, load_tuning(tuning), CONTROL_RATE, 0.0)

@@ -7,7 +7,7 @@ from typing import Any, Dict, Mapping
 import yaml
 
 from ballbot_ros.config.fields import Checked, expect_mapping, quantity, section, text
-from ballbot_ros.config.files import check_file, find_config, is_path, read_yaml
+from ballbot_ros.config.files import find_config, located, read_config
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.nodes.controller.settings import ControllerSettings
 from ballbot_ros.nodes.obstacle_decision.settings import DecisionSettings
@@ -63,8 +63,8 @@ def load_experiment(path: Path) -> Experiment:
 
     Raises `ConfigurationError` naming file, field, value and allowed range.
     """
-    check_file(path, 'experiment file', 'experiment')
-    plan = Experiment.from_mapping(read_yaml(path), str(path))
+    _, content = read_config('experiments', path.resolve())
+    plan = Experiment.from_mapping(content, str(path))
     seeds = plan.seeds
     whole = isinstance(seeds, list) and seeds and all(
         isinstance(seed, int) and not isinstance(seed, bool) and 0 <= seed < 2**31
@@ -73,7 +73,7 @@ def load_experiment(path: Path) -> Experiment:
         raise ConfigurationError(f'{path}: seeds must be a list of different whole numbers from 0 '
                                  f'to {2**31 - 1}, got {seeds!r}', 'not_a_choice', 'seeds')
     folder = path.resolve().parent
-    plan = replace(plan, scene=_located(folder, plan.scene), robot=_located(folder, plan.robot))
+    plan = replace(plan, scene=located(plan.scene, folder))
     plan = replace(plan, nodes=_nodes(plan, path, folder))
     control_period = 1.0 / plan.nodes['simulator']['control_rate']
     step = plan.period or control_period
@@ -83,12 +83,6 @@ def load_experiment(path: Path) -> Experiment:
             f'{path}: duration must be a whole number of periods of {step:g} s, '
             f'got {plan.duration:g}', 'inconsistent', 'duration')
     return plan
-
-
-def _located(folder: Path, name: str) -> str:
-    """Return the name of a shipped file unchanged, and any other path as an absolute one."""
-    path = Path(name).expanduser()
-    return str(path if path.is_absolute() else folder / path) if is_path(name) else name
 
 
 def _nodes(plan: Experiment, path: Path, folder: Path) -> Dict[str, Dict[str, Any]]:
@@ -106,7 +100,7 @@ def _nodes(plan: Experiment, path: Path, folder: Path) -> Dict[str, Dict[str, An
                     f'{place}: {key} cannot be set here: {why}', 'not_settable', key)
         for key in config_folders(kind).keys() & entries:
             if isinstance(entries[key], str):
-                entries[key] = _located(folder, entries[key])
+                entries[key] = located(entries[key], folder)
         kind.from_mapping(entries, place)
         nodes[name] = entries
     simulator = nodes['simulator']
@@ -141,7 +135,7 @@ def freeze(plan: Experiment) -> Dict[str, str]:
                 'inconsistent', kind)
         files[target] = content
         return f'./{target}'
-    robot = plan.robot or str(read_yaml(find_config('scenes', plan.scene)).get('robot', ''))
+    robot = plan.robot or str(read_config('scenes', plan.scene)[1].get('robot', ''))
     lines: Dict[str, Any] = {
         'scene': keep('scenes', plan.scene), 'robot': keep('robots', robot),
         'duration': plan.duration, 'seeds': list(plan.seeds)}

@@ -12,7 +12,7 @@ from launch_ros.actions import Node, PushRosNamespace, SetParameter
 from launch_ros.parameter_descriptions import ParameterValue
 
 from ballbot_ros.bridge.hardware_file import load_hardware
-from ballbot_ros.config.files import find_config, read_yaml, shipped_folder
+from ballbot_ros.config.files import read_config, shipped_folder
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros.urdf import robot_description
@@ -68,7 +68,7 @@ class Given:
             return self['robot']
         if real:
             return load_hardware(self['hardware']).robot
-        return str(read_yaml(find_config('scenes', self['scene'])).get('robot', ''))
+        return str(read_config('scenes', self['scene'])[1].get('robot', ''))
 
     def number(self, name: str) -> float:
         """Return an argument as a number; raise `ConfigurationError` if it is not one."""

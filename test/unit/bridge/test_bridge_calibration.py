@@ -346,3 +346,15 @@ def test_a_written_file_is_readable_and_marked_as_measured(calibrated, tmp_path)
     hardware = load_hardware(str(path))
     assert hardware.provenance['joint.torque_factor'].source == 'measured'
     assert hardware.joint.torque_factor == pytest.approx(1.0, rel=0.03)
+
+
+def test_the_written_file_refers_to_the_robot_of_its_base(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    main(['new', 'robot', 'my_robot.yaml'])
+    main(['new', 'hardware', 'base/motor.yaml', '--robot', 'my_robot.yaml'])
+    robot = VirtualRobot(held=True)
+    driver = robot.connect()
+    monkeypatch.setattr(drive_line, 'handshake', lambda *_: (driver, driver.identify(), []))
+    monkeypatch.setattr(calibrate_motor, 'Console', lambda: Script(robot))
+    assert main(['calibrate-motor', '--hardware', 'base/motor.yaml', '--out', 'motor.yaml']) == 0
+    assert load_robot(load_hardware('motor.yaml').robot).name == 'my_robot'

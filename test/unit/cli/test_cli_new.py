@@ -42,6 +42,25 @@ def test_the_template_of_an_experiment_is_valid(tmp_path):
     assert plan.scene == 'flat' and plan.seeds == [0, 1, 2]
 
 
+@pytest.mark.parametrize('kind, option', [
+    ('scene', 'robot'), ('hardware', 'robot'), ('experiment', 'scene')])
+def test_a_template_in_another_folder_refers_to_the_given_file(
+        kind, option, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    main(['new', 'robot', 'my_robot.yaml'])
+    main(['new', 'scene', 'my_scene.yaml', '--robot', 'my_robot.yaml'])
+    assert main(['new', kind, 'mine/file.yaml', f'--{option}', f'my_{option}.yaml']) == 0
+    monkeypatch.chdir('/')
+    path = tmp_path / 'mine' / 'file.yaml'
+    if kind == 'experiment':
+        pytest.importorskip('rclpy')
+        from ballbot_ros.experiments.file import load_experiment
+        path = load_experiment(path).scene
+    robot = load_robot(load_hardware(path).robot) if kind == 'hardware' \
+        else load_scene(path).model.robot
+    assert robot.name == 'my_robot'
+
+
 @pytest.mark.parametrize('protocol', sorted(DRIVES))
 def test_the_template_of_hardware_matches_its_drive(protocol, tmp_path):
     path = tmp_path / 'mine.yaml'
