@@ -2,6 +2,7 @@
 """The verb ``new``: a commented template of a file, which loads unchanged."""
 import argparse
 from pathlib import Path
+from shlex import quote
 import textwrap
 from typing import Any, Iterator, Mapping
 
@@ -65,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_new_file(path, arguments.overwrite, 'FILE', YAML)
     sections = file_kinds.KINDS[arguments.kind](path.stem, **given)
     write_text(template(arguments.kind, sections), path)
-    print(f'{path}: edit the values, then run: {follow.format(file=path)}')
+    print(f'{path}: edit the values, then run: {follow.format(file=quote(str(path)))}')
     return DONE
 
 

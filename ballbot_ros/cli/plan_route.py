@@ -5,9 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from ballbot_ros.cli import options
-from ballbot_ros.cli.output import check_new_file, print_json
+from ballbot_ros.cli.output import check_new_file, print_json, result_folder
 from ballbot_ros.cli.verb import DONE, Verb
-from ballbot_ros.errors import ConfigurationError
 
 
 def _add_floor(parser: argparse.ArgumentParser) -> None:
@@ -83,18 +82,15 @@ def run(arguments: argparse.Namespace) -> int:
 def add_masks(parser: argparse.ArgumentParser) -> None:
     _add_floor(parser)
     parser.add_argument('--out', type=Path, required=True, metavar='DIR',
-                        help='existing folder for images, YAML files and server parameters')
+                        help='folder for images, YAML files and server parameters')
     options.add_overwrite(parser, file=True)
 
 
 def masks(arguments: argparse.Namespace) -> int:
     from ballbot_ros.navigation.masks import mask_files, write_masks
-    if not arguments.out.is_dir():
-        raise ConfigurationError(
-            f'--out: {arguments.out} is not a folder; create it first', 'missing', '--out')
-    for path in mask_files(arguments.out):
-        check_new_file(path, arguments.overwrite)
-    for path in write_masks(_planner(arguments), arguments.out):
+    folder = result_folder(arguments.out, '', [path.name for path in mask_files(arguments.out)],
+                           arguments.overwrite)
+    for path in write_masks(_planner(arguments), folder):
         print(path)
     return DONE
 

@@ -2,6 +2,7 @@
 """Templates load as written, and document every key."""
 from dataclasses import fields
 import re
+import shlex
 
 import numpy as np
 from PIL import Image
@@ -40,6 +41,13 @@ def test_the_template_of_an_experiment_is_valid(tmp_path):
     assert main(['new', 'experiment', str(path), '--scene', 'flat']) == 0
     plan = load_experiment(path)
     assert plan.scene == 'flat' and plan.seeds == [0, 1, 2]
+
+
+def test_the_printed_command_accepts_a_path_with_spaces(tmp_path, capsys):
+    path = tmp_path / 'my robot.yaml'
+    main(['new', 'robot', str(path)])
+    command = capsys.readouterr().out.partition(' then run: ')[2]
+    assert shlex.split(command) == ['ballbot', 'robots', str(path)]
 
 
 @pytest.mark.parametrize('kind, option', [

@@ -69,10 +69,9 @@ def test_a_goal_in_a_wall_ends_in_an_error(refuses):
     refuses('wall', 'goal', 'plan-route', *FLAT[:5], '5.0', '4.0')
 
 
-def test_masks_need_a_folder_and_are_not_replaced_silently(capsys, tmp_path, refusal):
+def test_masks_make_their_folder_and_are_not_replaced_silently(capsys, tmp_path, refusal):
     words = ['floor-masks', 'apartment', '--out']
-    error = refusal(*words, tmp_path / 'none')
-    assert (error.reason, error.field) == ('missing', '--out')
+    tmp_path = tmp_path / 'new' / 'masks'
     assert main([*words, str(tmp_path)]) == 0
     written = [Path(line) for line in capsys.readouterr().out.splitlines()]
     assert len(written) == 6
@@ -81,4 +80,5 @@ def test_masks_need_a_folder_and_are_not_replaced_silently(capsys, tmp_path, ref
             path.unlink(missing_ok=True)
         kept.touch()
         error = refusal(*words, tmp_path)
-        assert error.reason == 'exists' and str(kept) in str(error)
+        assert error.reason == 'exists' and kept.name in str(error) \
+            and str(kept.parent) in str(error)
