@@ -2,7 +2,7 @@
 """
 The verdict on one case.
 
-GOOD      finite, the energy ledger closes, and a stricter run is at the same place all along
+GOOD      finite, the energy balance closes, and a stricter run is at the same place all along
 CHAOTIC   the same up to a horizon that the run itself declares, or a loop declared unstable
 REFUSED   an error of this package that names what is wrong and what to do
 UNCONFIRMED   the stricter run exceeds its work budget, and agrees as far as it came
@@ -24,7 +24,7 @@ from ballbot_ros.physics.simulation.run import FINEST_TOLERANCE, run_once
 GOOD, CHAOTIC, REFUSED, UNCONFIRMED, WRONG = (
     'good', 'chaotic', 'refused', 'unconfirmed', 'WRONG')
 ACCURACY = 1e-4        # asked for, of the radius
-LEDGER = 0.05          # of the energy in play may be missing: the bound of the product
+RESIDUAL = 0.05        # largest accepted energy residual, that of the package
 FIXED = 0.1            # of the radius, and of the path: what fixed steps may be off
 STRICTER = 1.0 / 30.0  # times the tolerance, for the run that confirms
 SLOW = 30.0  # [s] of processor time: a case that takes longer hangs
@@ -39,17 +39,17 @@ class Verdict:
     seed: int
     verdict: str
     why: str = ''
-    ledger: float = 0.0  # worst of the run, over the energy in play
+    residual: float = 0.0  # largest of the run, over the reference energy
     seconds: float = 0.0
 
 
 def judge(name, seed, make=make_case):
     """Run a case, as it is made, and return the verdict."""
     begin = time.process_time()
-    ledger = 0.0
+    residual = 0.0
     try:
         case = make(name, seed)
-        verdict, why, ledger = {'accurate': accurate, 'fixed': fixed, 'loop': loop}[
+        verdict, why, residual = {'accurate': accurate, 'fixed': fixed, 'loop': loop}[
             case.judged](case)
     except SimulationError as error:
         explained = math.isfinite(error.time) and error.quantity and error.remedy
@@ -61,7 +61,7 @@ def judge(name, seed, make=make_case):
     seconds = time.process_time() - begin
     if seconds > SLOW:
         verdict, why = WRONG, f'takes {seconds:.0f} s; {why}'
-    return Verdict(name, seed, verdict, why, ledger, seconds)
+    return Verdict(name, seed, verdict, why, residual, seconds)
 
 
 def accuracy_of(case):
@@ -70,12 +70,12 @@ def accuracy_of(case):
 
 
 def unsound(run):
-    """Return what is wrong with a trajectory by itself, and the gap of its ledger."""
+    """Return what is wrong with a trajectory by itself, and its energy residual."""
     if not np.isfinite(run.rows).all():
         return 'not finite', math.inf
     gap = float(np.max(np.abs(run.energy_residual)))
     gap = gap / run.energy_in_play if gap > 0.0 else 0.0
-    return f'ledger misses {100.0 * gap:.3g} %' if not gap <= LEDGER else '', gap
+    return f'energy residual of {100.0 * gap:.3g} %' if not gap <= RESIDUAL else '', gap
 
 
 def apart(one, other, until):
@@ -91,13 +91,13 @@ def accurate(case):
     accuracy, output_step = accuracy_of(case), case.output_step or 0.02 * case.duration
     run = simulate(case.model, case.start, case.actuation, case.duration, output_step,
                    accuracy=accuracy)
-    fault, ledger = unsound(run)
+    fault, residual = unsound(run)
     if fault:
-        return WRONG, fault, ledger
+        return WRONG, fault, residual
     said = run.assurance
     verdict = GOOD if said.complete else CHAOTIC
     if said.tolerance <= FINEST_TOLERANCE:
-        return verdict, f'horizon {said.horizon:.3g} s', ledger
+        return verdict, f'horizon {said.horizon:.3g} s', residual
     strict = replace(case.model, solver=replace(
         case.model.solver_in_use, tolerance=max(FINEST_TOLERANCE, STRICTER * said.tolerance),
         work_budget=10 * case.model.solver_in_use.work_budget))
@@ -107,20 +107,20 @@ def accurate(case):
     except SimulationError as error:
         verdict, why = UNCONFIRMED, f'a stricter run does not confirm it: {error}'
         if error.reason != 'over_budget':
-            return WRONG, why, ledger
+            return WRONG, why, residual
         check = error.trajectory
     gap = apart(run, check, said.horizon)
     if not gap <= accuracy:
-        return WRONG, f'{gap:.3g} m off, said {accuracy:.3g} m', ledger
-    return verdict, why, ledger
+        return WRONG, f'{gap:.3g} m off, said {accuracy:.3g} m', residual
+    return verdict, why, residual
 
 
 def fixed(case):
     """Judge a run with steps of one length against one that was asked for an accuracy."""
     run = simulate(case.model, case.start, case.actuation, case.duration, case.output_step)
-    fault, ledger = unsound(run)
+    fault, residual = unsound(run)
     if fault:
-        return WRONG, fault, ledger
+        return WRONG, fault, residual
     model = replace(case.model, solver=replace(
         case.model.solver_in_use, method='adaptive', work_budget=5 * BUDGET))
     try:
@@ -137,8 +137,8 @@ def fixed(case):
     bound = FIXED * max(case.model.robot.ball_radius, length)
     gap = apart(run, exact, horizon)
     if not gap <= bound:
-        return WRONG, f'{gap:.3g} m off, bound {bound:.3g} m', ledger
-    return GOOD if horizon > 0.999 * case.duration else CHAOTIC, '', ledger
+        return WRONG, f'{gap:.3g} m off, bound {bound:.3g} m', residual
+    return GOOD if horizon > 0.999 * case.duration else CHAOTIC, '', residual
 
 
 def sampled(case, tolerance):
@@ -176,18 +176,18 @@ def loop(case):
         sampled(case, tolerance * accuracy) for tolerance in (LOOP, LOOP * STRICTER))
     if not np.isfinite(fine).all():
         return WRONG, 'not finite', math.inf
-    ledger = balance(case.model, fine)
-    if not ledger <= LEDGER:
-        return WRONG, f'ledger misses {100.0 * ledger:.3g} %', ledger
+    residual = balance(case.model, fine)
+    if not residual <= RESIDUAL:
+        return WRONG, f'energy residual of {100.0 * residual:.3g} %', residual
     gaps = np.hypot(*(coarse - fine)[:, 3:5].T)
     if not stable:
-        return CHAOTIC, 'the loop is declared unstable', ledger
+        return CHAOTIC, 'the loop is declared unstable', residual
     if np.max(gaps) <= accuracy:
-        return GOOD, '', ledger
+        return GOOD, '', residual
     # The tolerance must grow by this factor; an earlier difference must be explained.
     if amplified(case, law, fine[:np.argmax(gaps > accuracy)]) > math.log(1.0 / LOOP):
-        return CHAOTIC, 'the loop is declared unstable where it slips, flies or swings', ledger
-    return WRONG, f'{np.max(gaps):.3g} m off', ledger
+        return CHAOTIC, 'the loop is declared unstable where it slips, flies or swings', residual
+    return WRONG, f'{np.max(gaps):.3g} m off', residual
 
 
 def amplified(case, law, states):
@@ -207,7 +207,7 @@ def amplified(case, law, states):
 
 
 def balance(model, states):
-    """Return the worst gap of the energy ledger over states, over the energy in play."""
+    """Return the largest energy residual over states, over the reference energy."""
     parts = np.array([
         [*model.energies(state), state.dissipated_energy, -state.motor_work]
         for state in (State(*row) for row in states.tolist())])

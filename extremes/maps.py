@@ -17,7 +17,7 @@ from ballbot_ros.physics.model.actuation import Actuator, position_torque, TORQU
 
 ACCURATE, STABLE, REFUSED = range(3)
 COLOURS = ('#5BB5A2', '#F2D98B', '#C9685B')  # distinct in grey: middle, light, dark
-LABELS = ('accurate: within a thousandth of the radius', 'stable: the ledger closes to 5 %',
+LABELS = ('accurate: within a thousandth of the radius', 'stable: energy residual up to 5 %',
           'refused: SimulationError')
 SIZE = 54
 METHODS = {'rk4': (2.83, 2.79), 'semi_implicit': (2.0, 2.0)}  # limits of h w and of h a

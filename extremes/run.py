@@ -72,7 +72,7 @@ def main():
         compile_first()
         found = judge(name, int(seed))
         print(f'{name}:{seed}  {found.verdict}  {found.why}\n'
-              f'ledger {found.ledger:.2g}, {found.seconds:.2f} s')
+              f'energy residual {found.residual:.2g}, {found.seconds:.2f} s')
         return int(found.verdict == WRONG)
     jobs = listed(arguments.cases, arguments.only_class, arguments.seed)
     if arguments.remedies:
@@ -194,7 +194,7 @@ def work(job) -> Verdict:
 def table(verdicts):
     """Return the table by class, and every wrong or unconfirmed case below it."""
     lines = [f'{"class":16}{"cases":>7}{"good":>7}{"chaotic":>9}{"refused":>9}'
-             f'{"unconfirmed":>13}{"wrong":>7}{"worst ledger":>14}{"slowest":>10}']
+             f'{"unconfirmed":>13}{"wrong":>7}{"residual":>14}{"slowest":>10}']
     for name in [*BY_NAME, 'all']:
         own = [item for item in verdicts if name in (item.name, 'all')]
         if own:
@@ -203,7 +203,7 @@ def table(verdicts):
             lines.append(
                 f'{name:16}{len(own):7}{numbers[0]:7}{numbers[1]:9}{numbers[2]:9}'
                 f'{numbers[3]:13}{numbers[4]:7}'
-                f'{max(item.ledger for item in own):14.1e}'
+                f'{max(item.residual for item in own):14.1e}'
                 f'{max(item.seconds for item in own):8.2f} s')
     lines += [f'{kind} {item.name}:{item.seed}  {item.why}' for kind in (WRONG, UNCONFIRMED)
               for item in verdicts if item.verdict == kind]
