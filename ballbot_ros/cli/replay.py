@@ -196,7 +196,11 @@ def replay_simulator(arguments: argparse.Namespace, run: Any, metadata: Any) -> 
         steps = [after - before for before, after in zip(run.stamps, run.stamps[1:])]
         known['control_rate'] = round(1e9 / statistics.median(steps), 6)
     settings = parameters_of(arguments, known)
-    scene = load_scene(settings.scene, settings.robot or None)
+    try:
+        scene = load_scene(settings.scene, settings.robot or None)
+    except ConfigurationError as error:
+        raise error.at(f'scene and robot of {arguments.file} (--scene and --robot replace them)') \
+            from error
     remarks = differing(metadata, scene)
     robot = plant_for(settings).model.robot
 

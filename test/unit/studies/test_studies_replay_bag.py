@@ -131,6 +131,16 @@ def test_parameters_missing_in_a_bag_are_requested(tmp_path, capsys, refuses):
     refuses('inconsistent', '--before', 'replay', bag, '--before', '3')
 
 
+def test_a_missing_file_of_a_bag_is_reported_with_the_options_that_replace_it(tmp_path, refusal):
+    metadata = bag_metadata(SIMULATOR, {**SETTINGS, 'scene': 'gone.yaml'}, load_scene('flat'))
+    bag = record(tmp_path / 'bag', metadata)
+    error = refusal('replay', bag)
+    assert (error.reason, error.field) == ('missing', 'scene')
+    message = str(error)
+    assert 'gone.yaml' in message and str(bag) in message
+    assert '--scene' in message and '--robot' in message
+
+
 def test_a_malformed_parameter_is_refused(tmp_path, refuses):
     bag = record(tmp_path / 'bag')
     for word in ('control_rate', 'control_rate=['):
