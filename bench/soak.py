@@ -5,10 +5,12 @@ Run the bridge for a long time on an idle or overloaded machine, and count event
     .venv/bin/python bench/soak.py --seconds 600
     .venv/bin/python bench/soak.py --seconds 600 --busy 4
     .venv/bin/python bench/soak.py --seconds 600 --busy 4 --realtime 20
+    .venv/bin/python bench/soak.py --seconds 600 --busy 4 --realtime 20 --workers 25
 
 Link and drive have no faults, so each e-stop is spurious.  A real drive does not compete for the
 processor, so the emulated drive, and with `--realtime` the bridge, get real-time priority, which
-the system must permit (docs/realtime.md).  After an e-stop, the run continues with a release.
+the system must permit (docs/realtime.md).  `--workers` also raises the priority of the kernel
+threads that deliver the bytes of the line.  After an e-stop, the run continues with a release.
 A program that repeatedly sleeps for 2 ms runs in parallel: gaps that it shares are caused by the
 machine, for example by the host of a virtual machine.
 """
@@ -20,6 +22,7 @@ from pathlib import Path
 import subprocess
 import sys
 from tempfile import TemporaryDirectory
+from threading import Event, Thread
 import time
 
 from bridge import applied, emulated_apart, running
@@ -52,6 +55,39 @@ def busy_processes(number):
         for process in processes:
             process.kill()
             process.wait()
+
+
+def schedule_workers(policy, priority):
+    """Set the scheduling of all kernel threads of unbound workqueues."""
+    for comm in Path('/proc').glob('[0-9]*/comm'):
+        try:
+            if comm.read_text().startswith('kworker/u'):
+                os.sched_setscheduler(int(comm.parent.name), policy, os.sched_param(priority))
+        except (FileNotFoundError, ProcessLookupError):
+            continue  # it has ended
+
+
+@contextmanager
+def kernel_workers(priority):
+    """Give kernel workers, which come and go, a SCHED_FIFO priority, or 0 for none."""
+    if not priority:
+        yield
+        return
+    schedule_workers(os.SCHED_FIFO, priority)
+    ended = Event()
+
+    def repeat():
+        while not ended.wait(0.5):
+            schedule_workers(os.SCHED_FIFO, priority)
+
+    thread = Thread(target=repeat)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        schedule_workers(os.SCHED_OTHER, 0)
 
 
 @contextmanager
@@ -104,7 +140,7 @@ def run(folder, arguments):
     """Return start, end, e-stops by reason and processor load of the bridge [% of a core]."""
     stops, parameters = Counter(), {'realtime_priority': arguments.realtime}
     with running(folder, drive, arguments.control, rearm=False, **parameters) as bench, \
-            busy_processes(arguments.busy):
+            busy_processes(arguments.busy), kernel_workers(arguments.workers):
         bench.spin(1.0)
         used, begin = processor_time(bench.process), time.monotonic()
         while time.monotonic() - begin < arguments.seconds:
@@ -122,6 +158,8 @@ def main():
     parser.add_argument('--seconds', type=float, default=600.0, help='how long')
     parser.add_argument('--busy', type=int, default=0, help='processes that compute meanwhile')
     parser.add_argument('--realtime', type=int, default=0, help='realtime_priority of the bridge')
+    parser.add_argument('--workers', type=int, default=0,
+                        help='SCHED_FIFO priority of the unbound kernel workers, as root')
     parser.add_argument('--control', choices=('onboard', 'direct'), default='onboard')
     arguments = parser.parse_args()
     woken, steal = [], stolen()
@@ -131,7 +169,8 @@ def main():
             begin, end, stops, used = run(folder, arguments)
         times = [when for when, _ in applied(folder / 'log.csv', begin, end)]
     print(f'{end - begin:.0f} s, {arguments.control}, {arguments.busy} busy processes, real-time '
-          f'priority {arguments.realtime}: {used:.1f} % of a core')
+          f'priority {arguments.realtime}, of kernel workers {arguments.workers}: '
+          f'{used:.1f} % of a core')
     print(f'e-stops: {sum(stops.values())}')
     for reason, count in stops.most_common():
         print(f'{count:6}  {reason}')
