@@ -38,7 +38,7 @@ class LateralAxis(AxisSensing[LeanEstimate]):
                  yaw_rate: Callable[[], Optional[float]]):
         super().__init__(hardware)
         self._robot, self._speed, self._yaw_rate = robot, speed, yaw_rate
-        self._largest_torque = required_steering(robot).largest_torque
+        self._limits = required_steering(robot)
         self.rezero()
         self.state = LateralState()
         self.estimate: Optional[LeanEstimate] = None
@@ -77,7 +77,8 @@ class LateralAxis(AxisSensing[LeanEstimate]):
             acceleration = (speed - speed_before) / pause
             check = check.moved(
                 accelerations(self._robot, before, speed, (rate - before.lean_rate) / pause,
-                              acceleration).torque, self._largest_torque)
+                              acceleration).torque,
+                self._limits.largest_torque, self._limits.largest_lean_rate)
             self.state = follow(
                 self._robot, before, 0.5 * (speed_before + speed), rate, pause,
                 acceleration)._replace(lean=lean)

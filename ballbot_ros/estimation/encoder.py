@@ -67,9 +67,6 @@ CONTRADICTION_TIME = 0.04
 VELOCITY_MIN = 0.5
 # and from this fraction of the largest torque, more than weight and friction oppose at rest.
 TORQUE_MIN = 0.5
-# A motor that turns in the direction of its torque may be at its highest speed and deliver none of
-# it, but never the opposite: from `VELOCITY_MIN` this fraction of the torque may be missing.
-MISSING_MAX = 1.0
 
 
 class EncoderReading(NamedTuple):
@@ -186,10 +183,10 @@ def _near(error: float, pause: float, rate: float, late: float,
         abs(rate), HIGHEST_JOINT_RATE)
 
 
-# Expected increments, the difference of the measured ones, the uncertainty of that difference, and
-# the time for which the encoder has been contradicted [s].
-Increments = Tuple[float, float, float, float]
-NO_INCREMENTS: Increments = (0.0, 0.0, 0.0, 0.0)
+# Expected increments, the difference of the measured ones, its tolerance, its uncertainty by late
+# readings, and the time for which the encoder has been contradicted [s].
+Increments = Tuple[float, float, float, float, float]
+NO_INCREMENTS: Increments = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @compiled
@@ -200,7 +197,7 @@ def increments_after(sums: Increments, pause: float, latency: float, rates: Inte
 
     Parameters
     ----------
-    sums : tuple of 4 floats
+    sums : tuple of 5 floats
     pause : float
         Time since the previous reading [s].
     latency : float
@@ -212,21 +209,24 @@ def increments_after(sums: Increments, pause: float, latency: float, rates: Inte
     smallest : float
         Mean expected increment per second from which the comparison applies.
     missing : float
-        Fraction of the expected increments that may be missing.
+        Fraction of this expected increment that may be missing.
 
     """
-    expected, difference, late, contradicted_for = sums
+    expected, difference, tolerance, late, contradicted_for = sums
     least, largest = rates
     keep, fastest = math.exp(-pause / SMOOTHING), max(-least, largest)
     limit = DIFFERENCE_MAX * fastest
     error = measured - min(max(measured, least), largest)
     # The rate of the interval that is closest to zero.
-    expected = keep * expected + pause * max(least, min(largest, 0.0))
+    closest = max(least, min(largest, 0.0))
+    expected = keep * expected + pause * closest
+    tolerance = keep * tolerance + pause * (missing + CONTRADICTED_MIN) * abs(closest)
     difference = keep * difference + pause * min(max(error, -limit), limit)
     late = max(keep * late, latency * max(fastest, min(abs(measured), limit)))
     contradicted = abs(expected) >= smallest * SMOOTHING and math.copysign(
-        1.0, -expected) * difference >= (missing + CONTRADICTED_MIN) * abs(expected) + late
-    return expected, difference, late, contradicted_for + pause if contradicted else 0.0
+        1.0, -expected) * difference >= tolerance + late
+    return (expected, difference, tolerance, late,
+            contradicted_for + pause if contradicted else 0.0)
 
 
 class EncoderCheck(NamedTuple):
@@ -269,22 +269,23 @@ class EncoderCheck(NamedTuple):
                     'drive; let the robot come to rest', 'encoder_velocity', 'encoder')
         return EncoderCheck(reading, pause, latency, rate, velocity, self.torque)
 
-    def moved(self, torque: float, largest_torque: float) -> 'EncoderCheck':
+    def moved(self, torque: float, largest_torque: float, highest_rate: float) -> 'EncoderCheck':
         """
         Return the check after the motion that the last reading shows.
 
-        By the model, `torque` explains the motion; `largest_torque` scales a threshold [N m].
-        Raises `EstimateLostError` with reason ``joint_torque`` if the commanded torques differ.
+        By the model, `torque` explains the motion; `largest_torque` scales a threshold [N m].  A
+        motor that turns in the direction of its torque delivers less of it the faster it turns:
+        all may be missing at `highest_rate` [rad/s], but never more.  Raises `EstimateLostError`
+        with reason ``joint_torque`` if the commanded torques differ.
         """
         last = self.last
         if last is None or not self.pause:
             return self
-        expected_before, *_ = self.torque
+        missing = math.copysign(1.0, last.torque) * self.rate / highest_rate
         after = increments_after(
             self.torque, self.pause, self.latency, last.torques or (last.torque, last.torque),
-            torque, TORQUE_MIN * largest_torque,
-            0.0 if math.copysign(1.0, expected_before) * self.rate < VELOCITY_MIN else MISSING_MAX)
-        expected, difference, _, contradicted_for = after
+            torque, TORQUE_MIN * largest_torque, min(max(missing, 0.0), 1.0))
+        expected, difference, _, _, contradicted_for = after
         if contradicted_for >= CONTRADICTION_TIME:
             raise EstimateLostError(
                 'the joint does not follow its torque: '

@@ -7,7 +7,8 @@ from typing import Callable, Deque, Optional
 from ballbot_ros.control.rolling_model import RollingModel
 from ballbot_ros.control.signals import refuse_not_finite
 from ballbot_ros.errors import EstimateLostError, MessageError
-from ballbot_ros.estimation.encoder import Continuity, EncoderCheck, EncoderReading
+from ballbot_ros.estimation.encoder import (
+    Continuity, EncoderCheck, EncoderReading, VELOCITY_MIN)
 from ballbot_ros.estimation.imu import ImuMounting, ImuReading
 from ballbot_ros.estimation.kalman import (
     Estimate, FilterTuning, JOINT, PENDULUM_RATE, PendulumFilter)
@@ -60,6 +61,9 @@ class Fusion:
                  encoder_zero: Optional[float] = None):
         self._robot, self._filter = robot, PendulumFilter(robot, tuning)
         self._inertia = RollingModel(robot).own.pendulum_inertia
+        _, back_voltage, supply, _ = robot.motor_line
+        # Of the motor without load [rad/s]; without data it may be at that rate in each motion.
+        self._highest_rate = supply / back_voltage if back_voltage else VELOCITY_MIN
         self._mounting, self._encoder_zero = mounting, encoder_zero
         self.jumps = self.rezeroed = 0
         self.last_jump = 0.0
@@ -159,7 +163,7 @@ class Fusion:
                 change = float(estimate.mean[PENDULUM_RATE] - predicted.mean[PENDULUM_RATE])
                 self._check = self._check.moved(
                     torque + self._inertia * change / self._check.pause,
-                    self._robot.largest_gravity_torque)
+                    self._robot.largest_gravity_torque, self._highest_rate)
         if not _plausible(estimate):
             raise EstimateLostError(
                 'the estimate of the pendulum angle has diverged: readings contradict each other '

@@ -222,6 +222,16 @@ def transmitted(share):
     return plant
 
 
+def sagging_supply(share):
+    """Return a fault: the supply of the motor has a share of its voltage."""
+    def plant(robot):
+        per_volt, back_voltage, supply, _ = robot.session.robot.motor_line
+        robot.transmitted = lambda torque, state: min(max(
+            torque, per_volt * (-share * supply - back_voltage * state.joint_rate)),
+            per_volt * (share * supply - back_voltage * state.joint_rate))
+    return plant
+
+
 def blocked_joint(robot):
     """Hold the joint at its angle by a stiff spring."""
     angle = robot.plant.state.joint_angle

@@ -8,8 +8,8 @@ import pytest
 from refusals import refused
 from session_faults import (
     broken_belt, FAULTS, FORWARD, frozen, hold_up, in_degrees, in_g, kept_torque, loop, loop_late,
-    lost_status, mounted_backwards, noisy_line, repeated, reversed_encoder, scaled_encoder,
-    second_node, slow_reader, time_to_zero, transmitted, upside_down)
+    lost_status, mounted_backwards, noisy_line, repeated, reversed_encoder, sagging_supply,
+    scaled_encoder, second_node, slow_reader, time_to_zero, transmitted, upside_down)
 from tiers import pairs, slow
 from virtual_robot import GIMBALL, STEP, VirtualRobot
 
@@ -96,6 +96,35 @@ def test_a_motor_near_its_highest_speed_causes_no_e_stop():
     loop(robot, 4.0, SetPoint(Mode.HOLD, 1.5))
     assert not robot.session.supervisor.e_stop
     assert robot.plant.state.joint_rate > 7.0  # it delivers a part of the requested torque
+
+
+@pytest.mark.parametrize('before, after', [
+    (SetPoint(Mode.SPEED, 2.5), 0.5),
+    *slow((SetPoint(Mode.DRIVE, 11.0), 0.5), (SetPoint(Mode.DRIVE, 11.0), -1.5))])
+def test_braking_at_the_highest_speed_of_the_motor_causes_no_e_stop(before, after):
+    robot = VirtualRobot(onboard='gentle').ready()
+    loop(robot, 2.5, before)
+    assert robot.plant.state.joint_rate > 6.0
+    loop(robot, 0.5, SetPoint(Mode.SPEED, after))
+    assert not robot.session.supervisor.e_stop
+
+
+@pytest.mark.parametrize('share', [0.5, *slow(0.42)])
+def test_a_sagging_supply_causes_no_e_stop(share):
+    robot = VirtualRobot(onboard='gentle')
+    sagging_supply(share)(robot)
+    loop(robot.ready(), 3.0, SetPoint(Mode.HOLD, 1.5))
+    assert robot.plant.state.joint_rate > 3.0  # less than half of the usual rate
+    loop(robot, 0.5, SetPoint(Mode.SPEED, -0.5))
+    assert not robot.session.supervisor.e_stop
+
+
+@pytest.mark.parametrize('scale', [0.1, *slow(0.2)])
+def test_a_joint_that_follows_a_small_part_of_its_torque_engages_the_e_stop(scale):
+    robot = VirtualRobot(onboard='gentle').ready()
+    assert time_to_zero(robot, scaled_encoder(scale, scale)) < 0.5
+    assert robot.session.supervisor.e_stop.reason is StopReason.JOINT_TORQUE
+    assert max(abs(state.pendulum_angle) for state in robot.history.values()) < 1.6
 
 
 @pytest.mark.parametrize('protocol', [*PROTOCOLS[:2], *slow(*PROTOCOLS[2:])])
