@@ -4,7 +4,7 @@ PYTHON ?= python3
 ARGS ?=
 
 help:
-	@echo 'make demo    a ball robot meets a step; ARGS are passed to "ballbot demo"'
+	@echo 'make demo    simulate a ball robot before a step; ARGS are passed to "ballbot demo"'
 	@echo 'make demo-hardware  the same through an emulated motor controller and a serial line;'
 	@echo '                    ARGS="--protocol vesc"'
 	@echo 'make test    all tests; ARGS are passed to pytest'
@@ -12,9 +12,9 @@ help:
 	@echo 'make test-kilted  the unit tests with ROS 2 Kilted from wheels, in .venv-kilted'
 	@echo 'make bench   measure speed and accuracy'
 	@echo 'make docs    the documentation as a site, in build/site'
-	@echo 'make time-demo  where the seconds of the first demo of a fresh clone go'
-	@echo 'make extremes  20,000 cases at the extremes, each judged; some minutes'
-	@echo 'make fuzz    the serial protocols, guided by coverage; some minutes'
+	@echo 'make time-demo  the time of each stage of the first demo of a fresh clone'
+	@echo 'make extremes  20,000 extreme cases; some minutes'
+	@echo 'make fuzz    coverage-guided fuzzing of the serial protocols; some minutes'
 	@echo 'make mutants  mutation tests of one package, with cosmic-ray; ARGS=control'
 	@echo 'make lint    style and types only'
 	@echo 'make setup   prepare .venv for all targets but bench and fuzz'

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Describe a robot and a floor of your own in two small files, and see how far it gets.
+Describe a custom robot and a scene in two files, and simulate the scene.
 
     python examples/own_robot.py
 """
@@ -28,7 +28,7 @@ slip_threshold: 0.01          # m/s
 gravity: 9.81                 # m/s2
 """
 SCENE = """
-robot: MARBLE
+robot: marble.yaml
 terrain:
   - flat: {length: 0.5}
   - step: {height: 0.006}
@@ -40,11 +40,11 @@ duration: 2.0
 
 
 def main() -> None:
-    """Simulate the robot, then show what a mistake in a file is answered with."""
+    """Simulate the robot, then print the error of a misspelt key."""
     with TemporaryDirectory() as folder:
         robot, scene = Path(folder, 'marble.yaml'), Path(folder, 'ramp.yaml')
         robot.write_text(ROBOT)
-        scene.write_text(SCENE.replace('MARBLE', str(robot)))
+        scene.write_text(SCENE)
         trajectory = load_scene(str(scene)).simulate()
         print(f'The ball starts at x = {trajectory["x"][0]:.2f} m and ends at '
               f'{trajectory["x"][-1]:.2f} m, {1e3 * trajectory["y"][-1]:.0f} mm high.')
@@ -53,7 +53,7 @@ def main() -> None:
         try:
             load_scene(str(scene))
         except ConfigurationError as error:
-            print(f'With a slip of the pen:\n{error}')
+            print(f'With a misspelt key:\n{error}')
 
 
 if __name__ == '__main__':

@@ -2,11 +2,11 @@
 """
 The verdict on one case.
 
-GOOD      finite, the energy balance closes, and a stricter run is at the same place all along
-CHAOTIC   the same up to a horizon that the run itself declares, or a loop declared unstable
-REFUSED   an error of this package that names what is wrong and what to do
-UNCONFIRMED   the stricter run exceeds its work budget, and agrees as far as it came
-WRONG     all else
+GOOD      finite, the energy balance closes, and a stricter run agrees at all samples
+CHAOTIC   the same up to the horizon that the run reports, or a loop reported as unstable
+REFUSED   an error of this package with the quantity and a remedy
+UNCONFIRMED   the stricter run exceeds its work budget, and agrees up to that point
+WRONG     any other result
 """
 from dataclasses import dataclass, replace
 import math

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Does a refusal help? What it names is changed, as it says, and the case is judged again.
+Check of the remedies of refusals: each stated change is applied, and the case runs again.
 
-A message may name several settings; each is tried, as it is written first, then further in the
-same direction, until one of them makes the case work: a verdict of good or chaotic, by the same
-judge.  A start that is named may be one of much work: it is tried with ten times the budget, too,
-which in these cases is far below that of the product.
+A message may state several settings; each is applied first with the stated value, then further in
+the same direction, until the verdict is good or chaotic, by the same criteria.  A stated start may
+need more work: it is also tried with ten times the budget, which in these cases is far below that
+of the package.
 """
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ DEARER = 2   # ... and of what costs work
 
 @dataclass(frozen=True)
 class Remedy:
-    """What became of a refusal; `setting` is empty where nothing that it names helps."""
+    """Result for a refusal; `setting` is empty if no stated change is effective."""
 
     name: str
     seed: int

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Push the simulator to its extremes and judge every case.
+Run the simulator far outside the range of its robots, and classify each case.
 
     make extremes                                  # 20,000 cases, some minutes
     make extremes ARGS='--class slope --cases 500'
-    make extremes ARGS='--only combined:17'        # one case again, with its story
-    make extremes ARGS='--seed 5000000 --cases 200000 --resume FILE'  # stop and go on at will
-    make extremes ARGS='--remedies 500'            # try the remedies of 500 refusals
-    make extremes ARGS=--cost                      # what the second looks cost
-    make extremes ARGS=--maps                      # the pictures of docs/extremes.md
+    make extremes ARGS='--only combined:17'        # repeats one case
+    make extremes ARGS='--seed 5000000 --cases 200000 --resume FILE'  # resumable
+    make extremes ARGS='--remedies 500'            # applies the remedies of 500 refusals
+    make extremes ARGS=--cost                      # cost of the confirming runs
+    make extremes ARGS=--maps                      # draws the maps of docs/extremes.md
 
-The exit code is 1 if any case is wrong; 130 after Ctrl-C, which keeps the verdicts there are.
+The exit code is 1 if any case is wrong; 130 after Ctrl-C, which prints the completed cases.
 """
 import argparse
 import contextlib
@@ -36,25 +36,27 @@ from remedies import refusal, remedy, report as report_remedies
 from ballbot_ros.errors import PlausibilityWarning
 
 INTERRUPTED = 130  # exit code, as of the shell for a program that Ctrl-C ended
-PARTS = 10  # progress lines of a whole run, where it is not a person who looks on
+PARTS = 10  # progress lines of a complete run, if standard error is not a terminal
 
 
 def main():
-    """Run what is asked for; return the exit code."""
+    """Run the requested cases; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    parser.add_argument('--cases', type=int, default=20_000, metavar='N', help='how many in all')
-    parser.add_argument('--seed', type=int, default=0, metavar='S', help='where seeds begin')
+    parser.add_argument('--cases', type=int, default=20_000, metavar='N', help='number of cases')
+    parser.add_argument('--seed', type=int, default=0, metavar='S', help='first seed')
     parser.add_argument('--class', dest='only_class', choices=sorted(BY_NAME), metavar='NAME',
                         help=f'one class only: {", ".join(sorted(BY_NAME))}')
-    parser.add_argument('--only', metavar='CLASS:SEED', help='one case again')
-    parser.add_argument('--json', type=Path, metavar='FILE', help='write every verdict here')
+    parser.add_argument('--only', metavar='CLASS:SEED', help='repeat one case')
+    parser.add_argument('--json', type=Path, metavar='FILE', help='write all results to this file')
     parser.add_argument('--resume', type=Path, metavar='FILE',
                         help='append every verdict to FILE immediately; skip the cases in it')
     parser.add_argument('--jobs', type=int, default=os.cpu_count(), metavar='N',
                         help='processes; default: one per core')
-    parser.add_argument('--remedies', type=int, metavar='N', help='try what N refusals name')
-    parser.add_argument('--cost', action='store_true', help='what the second looks cost, instead')
+    parser.add_argument('--remedies', type=int, metavar='N',
+                        help='apply the remedies of N refusals')
+    parser.add_argument('--cost', action='store_true',
+                        help='measure the cost of the confirming runs instead')
     parser.add_argument('--maps', action='store_true', help='draw the maps instead')
     arguments = parser.parse_args()
     if arguments.maps:
