@@ -286,7 +286,8 @@ class _Runs:
     def confirmed(self, fine: Trajectory, assured: Assurance) -> Assurance:
         """Return the assurance of a run after comparison with another method."""
         solver = fine.model.solver_in_use
-        budget = min(solver.work_budget, CONFIRMING_WORK * fine.effort.evaluations)
+        # A flight without contact needs no evaluations.
+        budget = min(solver.work_budget, max(1, CONFIRMING_WORK * fine.effort.evaluations))
         try:
             other = self.run(replace(solver, method='implicit', work_budget=budget))
         except SimulationError:

@@ -158,3 +158,12 @@ def test_only_flights_within_the_motor_limit_have_a_closed_form():
         spin = flight.spin_start(vector, parameters, actuator)
         assert flight.within_limit(vector, 0.3, spin, parameters, actuator) == fine
     assert not flight.has_closed_form(parameters, Actuation('velocity').actuator(GIMBALL))
+
+
+@pytest.mark.parametrize('accuracy', [1e-5, 1e-2, 1e-1])
+def test_a_run_in_flight_alone_is_simulated_to_any_accuracy(accuracy):
+    model = Model(GIMBALL, Terrain.flat())
+    run = simulate(model, State(x=0.0, y=5.0, velocity_x=1.0), Actuation(), 0.5, 0.1,
+                   accuracy=accuracy)
+    assert run['y'][-1] == pytest.approx(5.0 - 0.5 * GIMBALL.gravity * 0.5**2, abs=1e-9)
+    assert run.effort.evaluations == 0
