@@ -56,9 +56,11 @@ def environment(domain: int, folder: Path) -> Dict[str, str]:
 
 
 def parameter_arguments(parameters: Mapping[str, Any]) -> List[str]:
-    """Return the command line for parameters of a node."""
-    arguments = [word for name, value in parameters.items()
-                 for word in ('-p', f'{name}:={yaml_of(value)}')]
+    """Return the command line for parameters of a node; a path is given as text."""
+    arguments = []
+    for name, value in parameters.items():
+        text = yaml_of(str(value) if isinstance(value, Path) else value)
+        arguments += ['-p', f'{name}:={text}']
     return ['--ros-args', *arguments] if arguments else []
 
 

@@ -17,8 +17,9 @@ def test_parameters_become_ros_arguments():
     assert parameter_arguments({}) == []
     assert parameter_arguments({'lockstep': True, 'rate': 2.5, 'scene': 'flat'}) == [
         '--ros-args', '-p', 'lockstep:=true', '-p', 'rate:=2.5', '-p', 'scene:=flat']
-    assert parameter_arguments({'firmware': '0.6', 'capture': '', 'link': '/tmp/my #1'})[2::2] == [
-        "firmware:='0.6'", "capture:=''", "link:='/tmp/my #1'"]
+    assert parameter_arguments({
+        'firmware': '0.6', 'capture': '', 'link': '/tmp/my #1', 'scene': Path('/tmp/a.yaml')}
+    )[2::2] == ["firmware:='0.6'", "capture:=''", "link:='/tmp/my #1'", 'scene:=/tmp/a.yaml']
 
 
 def test_the_domain_is_the_given_one_or_a_private_one(monkeypatch):
