@@ -185,18 +185,20 @@ def run_together(make_nodes: Sequence[Callable[[], Node]],
             for node in reversed(nodes):
                 ends.callback(node.destroy_node)
                 ends.callback(executor.remove_node, node)
+            ends.callback(_end_in_time, ())
+            for node in reversed(nodes):
                 ends.callback(getattr(node, 'make_safe', lambda: None))
     return 0
 
 
-def _end_in_time(nodes: Sequence[Node]) -> None:
+def _end_in_time(unsafe: Sequence[Node]) -> None:
     """
-    End a process whose node has refused to start, even if the middleware blocks.
+    End a process without `unsafe` nodes after `END_TIMEOUT`, even if the middleware blocks.
 
     A node that is destroyed during discovery may block in Fast DDS indefinitely, at full load and
     with the GIL held: only a native thread can end the process, with code 1.
     """
-    if not nodes:  # no motor power at this stage
+    if not unsafe:
         faulthandler.dump_traceback_later(END_TIMEOUT, exit=True, file=open(os.devnull, 'w'))
 
 

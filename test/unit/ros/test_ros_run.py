@@ -111,6 +111,33 @@ def test_a_refused_node_ends_even_if_the_middleware_blocks(python):
     assert done.returncode == 1 and 'refused' in done.stderr
 
 
+DEADLOCKED = """
+import ctypes, os, signal, sys
+from rclpy.node import Node
+from ballbot_ros.ros import run
+run.END_TIMEOUT = 0.5
+
+class Deadlocked(Node):
+    def __init__(self):
+        super().__init__('deadlocked')
+        self.create_timer(0.01, lambda: os.kill(os.getpid(), signal.SIGINT))
+
+    def make_safe(self):
+        print('made safe', flush=True)
+
+    def destroy_node(self):
+        ctypes.PyDLL(None).pause()  # holds the GIL
+
+sys.exit(run.run(Deadlocked, []))
+"""
+
+
+@pytest.mark.slow
+def test_a_node_ends_after_it_is_safe_even_if_its_destruction_blocks(python):
+    done = python('-c', DEADLOCKED)
+    assert (done.returncode, done.stdout) == (1, 'made safe\n')
+
+
 BUSY = """
 import os, signal, sys
 from rclpy.executors import SingleThreadedExecutor
