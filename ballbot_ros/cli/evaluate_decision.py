@@ -49,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     evaluation = read_evaluation(arguments)
+    from ballbot_ros.decision.decider import warm_up
     from ballbot_ros.results.files import check_writable
     from ballbot_ros.studies.evaluation.evaluation import run_block, run_evaluation
     from ballbot_ros.studies.parallel_map import worker_pool
@@ -59,6 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
             worker_pool(arguments.workers, arguments.dask) as (pool, workers):
         if arguments.dask is None:
             # Local workers inherit the kernels that this process has loaded.
+            warm_up(evaluation.nominal(), 'rollout')
             run_block(evaluation, evaluation.parts[0][0], 'drawn', 0, 1, False)
         evaluation = with_limits(arguments, evaluation, pool, workers)
         if arguments.only is not None:
