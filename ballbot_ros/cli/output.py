@@ -3,7 +3,6 @@
 from contextlib import contextmanager, suppress
 import json
 from pathlib import Path
-import signal
 import sys
 from time import perf_counter
 from typing import Any, Callable, Iterable, Iterator, Optional, Sequence
@@ -123,23 +122,11 @@ YAML = ('.yaml', '.yml')
 
 @contextmanager
 def resumable(place: Path) -> Iterator[None]:
-    """
-    Print a note at Ctrl-C, and add the path from which the same command resumes to its error.
-
-    The workers finish the blocks that they have started, which may take minutes.
-    """
-    def interrupt(_number: int, _frame: Any) -> None:
-        signal.signal(signal.SIGINT, before)
-        note('interrupted: the workers finish the blocks that they have started')
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGINT, interrupt)
+    """Add to the error of Ctrl-C the path from which the same command resumes."""
     try:
         yield
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f'the same command resumes from {place}') from None
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 # Delay before a progress bar appears [s].

@@ -11,6 +11,7 @@ from functools import lru_cache
 import hashlib
 from itertools import islice
 import json
+import logging
 import multiprocessing
 import os
 from pathlib import Path
@@ -25,6 +26,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.results.files import write_text
 from ballbot_ros.studies.progress import Progress
 
+LOG = logging.getLogger(__name__)
 QUEUED_PER_WORKER = 3  # blocks; results wait on disk, not in memory
 INDEX_FILE = 'blocks.json'
 # Folders of the package that the rows of an evaluation depend on.
@@ -71,9 +73,11 @@ def checkpointed_map(function: Callable[..., Any],
                 progress(done)
     except KeyboardInterrupt:
         # The pool ends only after the blocks that its workers have started: store their results.
-        for future, (name, _) in running.items():
-            if not future.cancel():
-                write(future.result(), folder / name)
+        started = {future: name for future, (name, _) in running.items() if not future.cancel()}
+        if started:
+            LOG.warning('interrupted: the workers finish the blocks that they have started')
+        for future, name in started.items():
+            write(future.result(), folder / name)
         raise
 
 

@@ -16,7 +16,6 @@ from ballbot_ros import __version__
 from ballbot_ros.cli import listing, main, simulate
 from ballbot_ros.cli.command import load_verb, VERBS
 from ballbot_ros.cli.listing import describe
-from ballbot_ros.cli.output import resumable
 from ballbot_ros.config.files import shipped_files
 from ballbot_ros.ros.signals import ending_by_signal
 
@@ -243,14 +242,3 @@ def test_a_closed_pipe_is_not_an_error():
     reader.stdout.close()
     assert reader.stderr.read() == ''
     assert reader.wait(timeout=60) == 141
-
-
-def test_ctrl_c_in_a_resumable_run_is_acknowledged_before_its_blocks_end(tmp_path, capsys):
-    before = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt) as error, resumable(tmp_path):
-        try:
-            signal.raise_signal(signal.SIGINT)
-        finally:
-            assert capsys.readouterr().err
-    assert str(tmp_path) in str(error.value)
-    assert signal.getsignal(signal.SIGINT) is before

@@ -3,6 +3,7 @@
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 import json
+import logging
 import math
 import os
 from pathlib import Path
@@ -165,6 +166,34 @@ def test_ctrl_c_keeps_the_blocks_that_the_workers_have_started(tmp_path):
     with ThreadPoolExecutor(2) as pool, pytest.raises(KeyboardInterrupt):
         checkpointed_map(compute, blocks, tmp_path / 'blocks', 'x', pool, 2,
                          lambda number, path: path.write_text(str(number)), press)
+    written = {path.name for path in (tmp_path / 'blocks').glob('[0-9]*')}
+    assert {'0', '1'} <= written and len(written) < 100
+    assert all((tmp_path / 'blocks' / name).read_text() == name for name in written)
+
+
+def test_ctrl_c_is_acknowledged_before_the_started_blocks_end(tmp_path):
+    acknowledged = Event()
+
+    class Acknowledged(logging.Handler):
+        def emit(self, record):
+            acknowledged.set()
+
+    def compute(number):
+        return number if number == 0 or acknowledged.wait(60.0) else None
+
+    def press(done):
+        if done:
+            raise KeyboardInterrupt
+
+    blocks = {str(number): (1, (number,)) for number in range(100)}
+    log, handler = logging.getLogger('ballbot_ros'), Acknowledged()
+    log.addHandler(handler)
+    try:
+        with ThreadPoolExecutor(2) as pool, pytest.raises(KeyboardInterrupt):
+            checkpointed_map(compute, blocks, tmp_path / 'blocks', 'x', pool, 2,
+                             lambda number, path: path.write_text(str(number)), press)
+    finally:
+        log.removeHandler(handler)
     written = {path.name for path in (tmp_path / 'blocks').glob('[0-9]*')}
     assert {'0', '1'} <= written and len(written) < 100
     assert all((tmp_path / 'blocks' / name).read_text() == name for name in written)
