@@ -61,9 +61,10 @@ class Fusion:
                  encoder_zero: Optional[float] = None):
         self._robot, self._filter = robot, PendulumFilter(robot, tuning)
         self._inertia = RollingModel(robot).own.pendulum_inertia
-        _, back_voltage, supply, _ = robot.motor_line
-        # Of the motor without load [rad/s]; without data it may be at that rate in each motion.
-        self._highest_rate = supply / back_voltage if back_voltage else VELOCITY_MIN
+        motor = robot.motor
+        # Without data, the motor may be at its highest rate in each motion [rad/s].
+        self._highest_rate = motor.no_load_rate if motor is not None and motor.back_voltage \
+            else VELOCITY_MIN
         self._mounting, self._encoder_zero = mounting, encoder_zero
         self.jumps = self.rezeroed = 0
         self.last_jump = 0.0

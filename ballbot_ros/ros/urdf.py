@@ -63,12 +63,10 @@ def robot_description(robot: Robot, frames: Frames = FRAMES, steers: bool = Fals
                            velocity=_number(limits.largest_lean_rate))
         pendulum = _joint(tree, PENDULUM, 'continuous', frames.ball, below)
         if robot.motor is not None:
-            _, back_voltage, voltage, _ = robot.motor_line
-            # Rate of zero torque.  URDF has no infinity; 1e3 rad/s is faster than any motor.
-            idle_rate = voltage / back_voltage \
-                if back_voltage > 0.0 and math.isfinite(voltage) else 1e3
+            # URDF has no infinity; 1e3 rad/s is faster than any motor.
+            highest = robot.motor.no_load_rate
             Xml.SubElement(pendulum, 'limit', effort=_number(robot.motor.maximum_torque),
-                           velocity=_number(idle_rate))
+                           velocity=_number(highest if math.isfinite(highest) else 1e3))
         Xml.SubElement(pendulum, 'dynamics', damping=_number(robot.joint_friction))
     Xml.indent(tree)
     return '<?xml version="1.0"?>\n' + Xml.tostring(tree, encoding='unicode') + '\n'

@@ -107,7 +107,7 @@ def _implausible_motor(motor: Any, radius: float, strongest: float) -> Iterator[
     """Yield a sentence for the first implausible property of a motor; others follow from it."""
     torque, back, supply = motor.torque_constant, motor.speed_constant, motor.maximum_voltage
     stall = motor.stall_torque_per_volt * supply
-    rolling = supply / motor.back_voltage * radius if back else 0.0
+    rolling = motor.no_load_rate * radius if back else 0.0
     if back and not 1.0 / CONSTANTS_RATIO <= torque / back <= CONSTANTS_RATIO:
         yield (f'torque_constant is {torque:g} N m/A and speed_constant {back:g} V s/rad; in '
                'these units a motor has nearly the same number for both'
@@ -191,6 +191,11 @@ class Motor(Checked):
     def back_voltage(self) -> float:
         """Return the voltage per rate of the joint, gear_ratio speed_constant [V s/rad]."""
         return self.gear_ratio * self.speed_constant
+
+    @property
+    def no_load_rate(self) -> float:
+        """Return the highest rate of the joint, without torque [rad/s]; it may be infinite."""
+        return self.maximum_voltage / self.back_voltage if self.back_voltage else math.inf
 
 
 @dataclass(frozen=True)
