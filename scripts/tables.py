@@ -12,8 +12,9 @@ import sys
 
 from ballbot_ros.bridge.condition import Battery, Thermal
 from ballbot_ros.cli import file_kinds
-from ballbot_ros.cli.new import span, yaml_of
+from ballbot_ros.cli.new import span
 from ballbot_ros.config.fields import allowed, why_fixed
+from ballbot_ros.config.files import yaml_of
 from ballbot_ros.control import ControlTuning
 from ballbot_ros.decision import DecisionTuning
 from ballbot_ros.drives import CAN, device_class, driver_class, DRIVES, line_of, SERIAL

@@ -82,6 +82,7 @@ def template(kind: str, sections: list[Any]) -> str:
 
 
 def _lines(section: Any) -> Iterator[str]:
+    from ballbot_ros.config.files import yaml_of
     off = '' if section.given else '# '
     indent = '  ' if section.key else ''
     if section.key:
@@ -92,13 +93,6 @@ def _lines(section: Any) -> Iterator[str]:
         mark = '' if name in section.given else '# '
         start = f'{off}{indent}{entry}' if off else f'{indent}{mark}{entry}'
         yield from _commented(start, meaning(metadata))
-
-
-def yaml_of(value: Any) -> str:
-    """Return a value as YAML on one line."""
-    import yaml
-    text = yaml.safe_dump(value, default_flow_style=True, width=1000)
-    return str(text).removesuffix('\n').removesuffix('\n...')
 
 
 def span(metadata: Mapping[str, Any]) -> str:

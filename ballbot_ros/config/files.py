@@ -56,7 +56,7 @@ def located(name_or_path: str, folder: Path) -> str:
 
 
 def relative(name_or_path: str, folder: Path) -> str:
-    """Return the argument of `located` for a name or path: a relative path starts at a folder."""
+    """Return a relative path as seen from a folder, the inverse of `located`; others unchanged."""
     path = Path(name_or_path).expanduser()
     return os.path.relpath(path, folder) if is_path(name_or_path) and not path.is_absolute() \
         else str(path)
@@ -107,6 +107,12 @@ def check_file(path: Path, subject: str, field: str) -> None:
         raise ConfigurationError(
             f'{subject}: {path} is a device or a pipe; give the path of a regular file',
             'wrong_kind', field)
+
+
+def yaml_of(value: Any) -> str:
+    """Return a value as YAML on one line."""
+    text = yaml.safe_dump(value, default_flow_style=True, width=1000)
+    return str(text).removesuffix('\n').removesuffix('\n...')
 
 
 # libyaml recurses once per level, and a stack overflow ends the process.

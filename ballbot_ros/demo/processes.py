@@ -9,7 +9,7 @@ import subprocess
 import sys
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
-from ballbot_ros.cli.new import yaml_of
+from ballbot_ros.config.files import yaml_of
 from ballbot_ros.demo.forked import Forked, run_detached
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.ros import discovery
