@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any, Mapping
 
 from ballbot_ros.cli.options import add_hardware, add_port
-from ballbot_ros.ros.signals import ending_by_signal
 
 REPLY_TIMEOUT = 0.5  # of the handshake [s]
 
@@ -52,8 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     driver, identity, _ = handshake(connector(hardware), REPLY_TIMEOUT)
     try:
         print(f'{identity.in_words} on {hardware.connection.port}')
-        with ending_by_signal():  # also of a closing terminal: the motor is stopped
-            found = Calibrator(hardware, load_robot(hardware.robot), driver, Console()).run()
+        found = Calibrator(hardware, load_robot(hardware.robot), driver, Console()).run()
     finally:
         driver.line.close()
     _, content = read_config('hardware', arguments.hardware)

@@ -14,7 +14,7 @@ import os
 import re
 import signal
 import sys
-from threading import current_thread, Event, main_thread, Timer
+from threading import current_thread, main_thread, Timer
 from typing import Any, Collection, Iterator, Optional, Sequence
 import warnings
 
@@ -25,6 +25,7 @@ from ballbot_ros.cli.verb import (
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.errors import (
     BallbotError, ConfigurationError, PlausibilityWarning, SimulationError)
+from ballbot_ros.ros.signals import ending_signals
 
 
 # Verb -> its module (module:name for a `Verb` in it) and its description.
@@ -106,13 +107,14 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     Run the command ``ballbot`` with the given arguments, by default those of the process.
 
     Returns the exit code: 0, 1 for a failed run, 2 for an error in the arguments or a file, 130
-    after Ctrl-C (0 for a verb that runs until Ctrl-C), 141 for a closed output pipe.
+    after Ctrl-C (0 for a verb that runs until Ctrl-C), 143 or 129 after SIGTERM or SIGHUP, 141 for
+    a closed output pipe.
     """
     words = list(sys.argv[1:] if argv is None else argv)
-    with _interruption() as pressed:
+    with _interruption() as received:
         try:
             try:
-                return _run(words)
+                code = _run(words)
             finally:
                 sys.stdout.flush()
         except BrokenPipeError:
@@ -127,30 +129,35 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
             return FAILED
         except (KeyboardInterrupt, Exception) as error:
             # An extension that compiles or calls back may raise another error instead.
-            if isinstance(error, Exception) and not pressed.is_set():
+            if isinstance(error, Exception) and not received:
                 if not isinstance(error, OSError) or error.filename is None:
                     raise
                 print_error(f'{error.filename}: {error.strerror}')
                 return FAILED
-            if UNTIL_CTRL_C.intersection(words[:1]):
+            if UNTIL_CTRL_C.intersection(words[:1]) and received[-1:] in ([], [signal.SIGINT]):
                 return DONE
             known = error.args if isinstance(error, KeyboardInterrupt) else ()
             print_error('; '.join(('interrupted', *known)))
-            return INTERRUPTED
+            code = INTERRUPTED
+        return 128 + received[-1] if code == INTERRUPTED and received else code
 
 
 @contextmanager
-def _interruption() -> Iterator[Event]:
-    """Yield an event that Ctrl-C sets, even if its exception is suppressed."""
-    pressed = Event()
+def _interruption() -> Iterator[list[int]]:
+    """
+    Raise `KeyboardInterrupt` after Ctrl-C and `ending_signals`; handlers of the caller remain.
 
-    def press() -> None:  # a flag alone would not interrupt a system call
-        signal.pthread_kill(main_thread().ident or 0, signal.SIGINT)
+    Yields the list of received signals, which are known even if the exception is suppressed.
+    """
+    received: list[int] = []
 
-    again = Timer(0.0, press)
+    def send_again() -> None:  # a flag alone would not interrupt a system call
+        signal.pthread_kill(main_thread().ident or 0, received[-1])
 
-    def interrupt(*_: object) -> None:
-        pressed.set()
+    again = Timer(0.0, send_again)
+
+    def interrupt(number: int, _: object) -> None:
+        received.append(number)
         raise KeyboardInterrupt
 
     def reraise(unraisable: Any) -> None:
@@ -158,22 +165,25 @@ def _interruption() -> Iterator[Event]:
         if not issubclass(unraisable.exc_type, KeyboardInterrupt):
             hook(unraisable)
         elif not again.is_alive():  # C code has called Python code and ignores its exceptions
-            again = Timer(RAISE_AGAIN, press)
+            again = Timer(RAISE_AGAIN, send_again)
             again.start()
 
     hook = sys.unraisablehook
-    ours = (current_thread() is main_thread()
-            and signal.getsignal(signal.SIGINT) is signal.default_int_handler)
-    if ours:
-        signal.signal(signal.SIGINT, interrupt)
+    replaced = {number: handler for number in (signal.SIGINT, *ending_signals())
+                if (handler := signal.getsignal(number)) in (
+                    signal.default_int_handler, signal.SIG_DFL)
+                and current_thread() is main_thread()}
+    for number in replaced:
+        signal.signal(number, interrupt)
+    if replaced:
         sys.unraisablehook = reraise
     try:
-        yield pressed
+        yield received
     finally:
-        if ours:
-            again.cancel()
-            sys.unraisablehook = hook
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+        again.cancel()
+        sys.unraisablehook = hook
+        for number, handler in replaced.items():
+            signal.signal(number, handler)
 
 
 def print_refusal(error: BallbotError) -> None:

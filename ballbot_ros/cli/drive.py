@@ -16,7 +16,6 @@ from ballbot_ros.cli.verb import DONE, FAILED, note, print_error
 from ballbot_ros.config.fields import quantity
 from ballbot_ros.config.optional import load_optional
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.ros.signals import ending_by_signal
 
 RATE = 20.0  # of cmd_vel [Hz]
 STATUS_PERIOD = 0.1  # of the status line [s]
@@ -55,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     gamepad = Gamepad() if arguments.gamepad else None
     graph, driver = from_ros(), from_ros('ballbot_ros.ros.robot_driver')
     note('looking for the robot ...')
-    with ending_by_signal(), graph.Observer('drive') as observer:
+    with graph.Observer('drive') as observer:
         robot = driver.RobotDriver(observer, arguments.node)
         try:
             with keyboard:

@@ -4,7 +4,6 @@ import argparse
 import os
 from pathlib import Path
 import select
-import signal
 import sys
 from typing import Iterator
 
@@ -68,7 +67,6 @@ def run(arguments: argparse.Namespace) -> int:
     emulator = Emulator(arguments.protocol, scene, arguments.baud, settings, arguments.link,
                         arguments.seed, steering=arguments.steering)
     channel = None
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         for line in arguments.fault:
             execute(emulator, line)

@@ -39,7 +39,7 @@ from ballbot_ros.physics import load_scene, Robot, Scene
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.results.faces import faces_of
 from ballbot_ros.ros.conversions import DECISION_NAMES
-from ballbot_ros.ros.signals import ending_by_signal
+from ballbot_ros.ros.signals import ending_signals
 from ballbot_ros.srv import Step
 
 # Parameters and rates of the nodes that the demo does not change.
@@ -201,6 +201,8 @@ def in_processes(works: Sequence[Callable[[], int]], together: bool) -> List[int
 
         def child() -> int:
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent sends SIGTERM instead
+            for number in ending_signals():
+                signal.signal(number, lambda number, _: sys.exit(128 + number))
             for stream, file in enumerate(kept, start=1):  # standard output and error
                 os.dup2(file.fileno(), stream)
             return work()
@@ -208,19 +210,18 @@ def in_processes(works: Sequence[Callable[[], int]], together: bool) -> List[int
         return processes[-1], kept
 
     codes = []
-    with ending_by_signal():
-        try:
-            started = map(start, works)
-            for process, kept in list(started) if together else started:
-                codes.append(process.wait())
-                for stream, file in zip((sys.stdout, sys.stderr), kept):
-                    file.seek(0)
-                    print(file.read().decode(), end='', file=stream, flush=True)
-        finally:
-            for process in processes:
-                process.send_signal(signal.SIGTERM)
-            for process in processes:
-                process.wait()
+    try:
+        started = map(start, works)
+        for process, kept in list(started) if together else started:
+            codes.append(process.wait())
+            for stream, file in zip((sys.stdout, sys.stderr), kept):
+                file.seek(0)
+                print(file.read().decode(), end='', file=stream, flush=True)
+    finally:
+        for process in processes:
+            process.send_signal(signal.SIGTERM)
+        for process in processes:
+            process.wait()
     return codes
 
 
@@ -296,8 +297,7 @@ def conclude(out: Path, title: str, quiet: bool, timeline: Timeline,
     start = time.monotonic()
     if not quiet:
         print(f'\n{title}\n', flush=True)
-    with ending_by_signal():
-        wrong = play()
+    wrong = play()
     wrong = wrong + (verdict_on() if timeline.states else ['no state of the ball was received'])
     if timeline.states:
         save(draw(), out / picture)

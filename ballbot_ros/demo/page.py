@@ -11,7 +11,6 @@ from typing import Iterator
 
 from ballbot_ros.demo.processes import own_domain
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.ros.signals import ending_by_signal
 
 # Timeouts until the page is served, and until its process has ended [s].
 START_TIMEOUT, END_TIMEOUT = 60.0, 10.0
@@ -30,7 +29,7 @@ def page_beside(quiet: bool = False) -> Iterator[None]:
             '--view needs the package viser, which is not installed; install it with: pip install '
             'viser', 'not_installed', 'viser')
     os.environ['ROS_DOMAIN_ID'] = str(own_domain())
-    with ending_by_signal(), subprocess.Popen(
+    with subprocess.Popen(
             [sys.executable, '-m', 'ballbot_ros.cli', 'view', '--live'], stdout=subprocess.PIPE,
             stdin=subprocess.DEVNULL, text=True, start_new_session=True) as process:
         try:

@@ -14,7 +14,6 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.nodes.simulator.outputs import every
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.ros import discovery
-from ballbot_ros.ros.signals import ending_by_signal
 from ballbot_ros.srv import Step
 
 # Longest wall time of a spin [s].
@@ -55,9 +54,8 @@ def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: 
     discovery.apply(os.environ)
     topics, last = topics_of(nodes), last_stamps(nodes['simulator'], periods)
     deadline = time.monotonic() + timeout
-    with ending_by_signal(), \
-            recording('ballbot_experiment', folder, metadata, domain) as (
-                node, executor, recorder, bag), NodeProcesses(logs, domain) as processes:
+    with recording('ballbot_experiment', folder, metadata, domain) as (
+            node, executor, recorder, bag), NodeProcesses(logs, domain) as processes:
         def wait(condition: Callable[[], object]) -> None:
             while not condition():
                 executor.spin_once(timeout_sec=SPIN_TIME)

@@ -159,8 +159,10 @@ def worker_pool(workers: Optional[int],
 
 
 def _end_with_parent(parent: int) -> None:
-    """Ignore Ctrl-C, which the parent handles, and exit when the parent has ended."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Leave the signals of the terminal to the parent, and exit when it has ended."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # with which a broken pool ends its workers
 
     def watch() -> None:
         while os.getppid() == parent:

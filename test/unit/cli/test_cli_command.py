@@ -3,9 +3,7 @@
 import argparse
 import contextlib
 import logging
-import os
 import re
-import signal
 import subprocess
 import sys
 import time
@@ -17,7 +15,6 @@ from ballbot_ros.cli import listing, main, simulate
 from ballbot_ros.cli.command import load_verb, VERBS
 from ballbot_ros.cli.listing import describe
 from ballbot_ros.config.files import shipped_files
-from ballbot_ros.ros.signals import ending_by_signal
 
 COMMAND = [sys.executable, '-m', 'ballbot_ros.cli']
 
@@ -26,28 +23,6 @@ def called(capsys, *words):
     """Return the exit code, standard output and standard error of a call."""
     code = main(words)
     return (code, *capsys.readouterr())
-
-
-@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_ends_the_block_as_an_exception_with_the_code_of_a_shell(number):
-    before = signal.signal(number, signal.SIG_DFL)  # under nohup, SIGHUP is ignored
-    try:
-        with pytest.raises(SystemExit) as caught, ending_by_signal():
-            os.kill(os.getpid(), number)
-            time.sleep(10.0)
-    finally:
-        signal.signal(number, before)
-    assert caught.value.code == 128 + number
-
-
-def test_an_ignored_hangup_stays_ignored():
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    try:
-        with ending_by_signal():
-            os.kill(os.getpid(), signal.SIGHUP)
-        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGHUP, before)
 
 
 def test_help_names_every_verb(capsys):

@@ -172,6 +172,31 @@ def test_ctrl_c_within_a_callback_of_c_code_ends_the_run_quietly(sigint, verb_of
     assert sys.unraisablehook is hook
 
 
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_during_the_write_of_a_file_leaves_no_draft(number, tmp_path):
+    # In a separate process, which the signal ends at once if it is not handled.
+    program = (
+        'import os, signal, sys\n'
+        'from ballbot_ros.cli import main\n'
+        'from ballbot_ros.results import files\n'
+        f'signal.signal({int(number)}, signal.SIG_DFL)\n'  # under nohup, SIGHUP is ignored
+        f'files.os.fsync = lambda _: os.kill(os.getpid(), {int(number)})\n'
+        "sys.exit(main(['new', 'robot', 'mine.yaml']))\n")
+    ended = subprocess.run([sys.executable, '-c', program], cwd=tmp_path, timeout=60.0)
+    assert ended.returncode == 128 + number
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_ignored_hangup_stays_ignored(verb_of):
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    verb_of('compile', lambda _: os.kill(os.getpid(), signal.SIGHUP) or 0)
+    try:
+        assert main(['compile']) == 0
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
 @pytest.mark.parametrize('verb, code', [
     (verb, 0) for verb in sorted(command.UNTIL_CTRL_C)] + [('topics', 130)])
 def test_ctrl_c_is_the_normal_end_of_a_verb_without_another_end(verb, code, verb_of, capsys):

@@ -11,7 +11,6 @@ import time
 import pytest
 
 from ballbot_ros.demo.forked import Forked, run_detached
-from ballbot_ros.ros.signals import ending_by_signal
 
 TIMEOUT = 20.0
 
@@ -37,7 +36,7 @@ def test_an_endless_process_runs_until_a_signal():
 
 
 @pytest.mark.parametrize('handler, number', [
-    (signal.SIG_DFL, signal.SIGHUP), (signal.SIG_IGN, signal.SIGTERM)])
+    (lambda *_: None, signal.SIGHUP), (signal.SIG_IGN, signal.SIGTERM)])
 def test_a_process_has_no_handler_of_its_parent_but_ignores_the_same_signals(handler, number):
     reader, writer = os.pipe()
 
@@ -45,12 +44,13 @@ def test_a_process_has_no_handler_of_its_parent_but_ignores_the_same_signals(han
         os.write(writer, b'.')
         time.sleep(TIMEOUT)
         return 0
-    before = signal.signal(signal.SIGHUP, handler)
+    before = [(signal.SIGHUP, signal.signal(signal.SIGHUP, handler)),
+              (signal.SIGTERM, signal.signal(signal.SIGTERM, lambda *_: None))]
     try:
-        with ending_by_signal():
-            process = Forked(work)
+        process = Forked(work)
     finally:
-        signal.signal(signal.SIGHUP, before)
+        for one, kept in before:
+            signal.signal(one, kept)
     os.read(reader, 1)
     process.send_signal(signal.SIGHUP)
     process.send_signal(signal.SIGTERM)
