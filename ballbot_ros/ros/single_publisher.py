@@ -11,7 +11,8 @@ from ballbot_ros.ros.endpoints import endpoint_name
 # Periods of two queries of the graph: the number of publishers, and their names [s].
 COUNT_PERIOD, NAME_PERIOD = 0.02, 1.0
 # A node that was killed stays in the graph for as long as its lease in DDS, by default 20 s: for
-# this time a second publisher of the same name counts as its restart [s].
+# this time a second publisher of the same name counts as its restart [s].  A publisher that
+# started after the end of a node does not discover it.
 RESTART_TIME = 25.0
 
 
@@ -20,6 +21,7 @@ class SinglePublisher:
 
     def __init__(self, node: Node, topic: str):
         self._node, self._topic = node, node.resolve_topic_name(topic)  # queries do not remap
+        self._own = node.get_fully_qualified_name()
         self._names: List[str] = []  # of the publishers
         self._several_since = 0.0
         self._count_at = self._name_at = 0.0
@@ -28,13 +30,15 @@ class SinglePublisher:
         """
         Return the name of the publishing node; empty before it is known.
 
-        Raises `MessageError` with reason ``several_publishers``, while there are several.
+        Raises `MessageError` with reason ``several_publishers``, while there are several; several
+        of one name are accepted for `RESTART_TIME`, except for that of the node itself.
         """
         now = time.monotonic()
         self._query(now)
         # A publisher whose node is not discovered yet, or has ended, has no name.
         names = sorted({name for name in self._names if '_UNKNOWN_' not in name})
-        if len(names) > 1 or (len(self._names) > 1 and now - self._several_since > RESTART_TIME):
+        if len(names) > 1 or (len(self._names) > 1 and (
+                self._own in names or now - self._several_since > RESTART_TIME)):
             several = ' and '.join(names if len(names) > 1 else self._names)
             raise MessageError(
                 f'{several} publish {self._topic}, and none of them is '

@@ -18,7 +18,6 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.navigation.execution import NavStatus
 from ballbot_ros.nodes.navigator.goals import ComputePathToPose, NavigateToPose
 from ballbot_ros.nodes.navigator.outputs import stamped_pose
-from ballbot_ros.ros import single_publisher
 from ballbot_ros.ros.conversions import to_time
 
 
@@ -265,9 +264,7 @@ def test_another_publisher_ends_the_goal_at_rest_and_is_named_until_it_ends(grap
     assert graph.spin(20.0, lambda: graph.send(2.7, 1.4).accepted)
 
 
-def test_a_second_navigator_of_the_same_name_is_refused_unless_it_is_a_restart(
-        graph, monkeypatch):
-    monkeypatch.setattr(single_publisher, 'RESTART_TIME', 0.0)
+def test_a_second_navigator_of_the_same_name_is_refused_at_once(graph):
     assert graph.send(2.7, 1.4).accepted
     other = rclpy.create_node('navigator', context=graph.client.context)
     other.create_publisher(TwistStamped, 'cmd_vel', 10)

@@ -22,6 +22,9 @@ class Graph:
     def resolve_topic_name(self, topic):
         return f'/arm/{topic}'  # remapped, unlike the queries
 
+    def get_fully_qualified_name(self):
+        return '/observer'
+
     def count_publishers(self, topic):
         return len(self.nodes) if topic.startswith('/arm/') else 0
 
@@ -80,6 +83,16 @@ def test_a_node_that_is_killed_and_restarted_is_followed(graph, killed):
         graph.now += 0.3 * RESTART_TIME
     graph.now += 0.2 * RESTART_TIME
     with refused('several_publishers', '/arm/joint_commands'):
+        found.name()
+
+
+def test_a_second_publisher_with_the_name_of_the_observing_node_is_refused_at_once(graph):
+    found = SinglePublisher(graph, 'joint_commands')
+    graph.nodes = ['observer']
+    assert found.name() == '/observer'
+    graph.nodes = ['observer', 'observer']
+    graph.now += 0.03
+    with refused('several_publishers', '/arm/joint_commands', MessageError):
         found.name()
 
 
