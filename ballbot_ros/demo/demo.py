@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run the demo: simulator, controller and decision, with timeline, bag, picture and verdict."""
 from functools import partial
-import itertools
 import os
 from pathlib import Path
 import signal
@@ -9,16 +8,13 @@ import sys
 from tempfile import TemporaryFile
 import time
 from typing import (
-    Any, BinaryIO, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional,
-    Sequence, Tuple)
+    Any, BinaryIO, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple)
 
 from matplotlib.figure import Figure
-from rclpy.node import Node
-from std_srvs.srv import Trigger
 
 from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
 from ballbot_ros.bags.recorded_run import BALL_STATE, recorded_trajectory, stamp_of
-from ballbot_ros.bags.writer import also_recorded, BagRecorder, verdict
+from ballbot_ros.bags.writer import also_recorded, verdict
 from ballbot_ros.config.fields import check_value
 from ballbot_ros.config.files import read_config, shipped_files
 from ballbot_ros.control import checked_controller, load_tuning
@@ -27,7 +23,7 @@ from ballbot_ros.decision.tuning import check_decision
 from ballbot_ros.demo.forked import Forked, import_nodes
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
-from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph
+from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph, run_simulator
 from ballbot_ros.demo.timeline import account, Expected, Passage, Timeline
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.figures.film import Mark, strip
@@ -40,7 +36,6 @@ from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.results.faces import faces_of
 from ballbot_ros.ros.conversions import DECISION_NAMES
 from ballbot_ros.ros.signals import ending_signals
-from ballbot_ros.srv import Step
 
 # Parameters and rates of the nodes that the demo does not change.
 ROBOT, TUNING = ControllerSettings.robot, ControllerSettings.tuning
@@ -161,9 +156,9 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
                 folder, (*TOPICS, *TOOL_TOPICS), timeline,
                 {'controller': controller, 'obstacle_decision': decision, 'simulator': simulator},
                 metadata, domain) as graph:
-            simulation = RecordedSimulation(
-                graph.node, graph.bag, TOPICS, free_running=real_time or watched)
-            wrong = graph.run(simulation.poll, timeout, case.longest, TOPICS)
+            wrong = graph.run(
+                run_simulator(graph.node, graph.bag, TOPICS, CONTROL_RATE,
+                              free_running=real_time or watched), timeout, case.longest, TOPICS)
         return wrong + check_bag(
             graph, STATES if real_time else {**STATES, **ANSWERS}, quiet)
 
@@ -314,65 +309,3 @@ def conclude(out: Path, title: str, quiet: bool, timeline: Timeline,
 def print_event(when: float, mark: str, sentence: str) -> None:
     """Print one line of the timeline."""
     print(f'{when:7.2f} s  {mark:>9}  {sentence}', flush=True)
-
-
-# Wall time after which a paused simulator is reset again, to publish its state [s].
-RESET_PERIOD = 0.2
-# Time after which a response that has not arrived counts as lost [s].
-LONGEST_ANSWER = 5.0
-# Simulated time of one advance in lockstep [s].
-ADVANCE_TIME = 1.0
-
-
-class RecordedSimulation:
-    """
-    Runs a paused simulator no faster than a recorder of some topics can follow.
-
-    At first, the recorder must receive every topic: each reset makes the simulator publish its
-    first state, to which the other nodes respond.  Counting publishers is not enough: a publisher
-    may not have discovered the recorder yet.
-
-    In lockstep the simulator advances by one second at a time, as soon as all messages of the
-    previous second are recorded.  On a busy machine a recorder would otherwise lag by more
-    messages than the publishers keep.  A `free_running` simulator, in real time for instance, is
-    not interrupted.
-    """
-
-    def __init__(self, node: Node, bag: BagRecorder, topics: Iterable[str],
-                 free_running: bool):
-        self._reset = node.create_client(Trigger, 'simulator/reset')
-        self._resume = node.create_client(Trigger, 'simulator/resume')
-        self._step = node.create_client(Step, 'simulator/step')
-        self._bag, self._topics, self._free_running = bag, tuple(topics), free_running
-        self._steps = self._take_steps()
-
-    def poll(self) -> Optional[str]:
-        """Call the next service if it is due; return the reason if the simulation has ended."""
-        return next(self._steps, None)
-
-    def _take_steps(self) -> Iterator[Optional[str]]:
-        def received() -> bool:
-            return set(self._topics) <= self._bag.recorded.keys()
-
-        while not all(client.service_is_ready()
-                      for client in (self._reset, self._resume, self._step)):
-            yield None
-        while not received():
-            answer, called = self._reset.call_async(Trigger.Request()), time.monotonic()
-            # The simulator must not be reset after it has started.
-            while not (answer.done() and received()) and (
-                    (waited := time.monotonic() - called) < RESET_PERIOD or (
-                        not answer.done() and waited < RESET_PERIOD + LONGEST_ANSWER)):
-                yield None
-        if self._free_running:
-            self._resume.call_async(Trigger.Request())
-            return
-        for number in itertools.count(1):
-            answer = self._step.call_async(
-                Step.Request(periods=round(ADVANCE_TIME * CONTROL_RATE)))
-            # A response may be lost during service discovery, so the recorded stamps are checked.
-            end = dict.fromkeys(self._topics, round(1e9 * number * ADVANCE_TIME))
-            while not self._bag.reached(end):
-                if answer.done() and not answer.result().success:
-                    yield f'the simulator has stopped: {answer.result().message}'
-                yield None

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demo over a serial line: an emulated drive, the bridge with its laws, the decision."""
+from collections import deque
+import math
 import os
 from pathlib import Path
 import sys
 import time
-from typing import Any, Dict, List, Mapping, Optional
+from typing import Any, Deque, Dict, List, Mapping
 
 from rclpy.node import Node
-from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from ballbot_ros.bags.metadata import bag_metadata, BRIDGE
@@ -17,7 +18,7 @@ from ballbot_ros.demo.demo import CURVE, run_case, TOOL_TOPICS, TOPICS, TWO_STEP
 from ballbot_ros.demo.forked import import_nodes
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
-from ballbot_ros.demo.recorded_graph import recorded_graph
+from ballbot_ros.demo.recorded_graph import Actions, recorded_graph
 from ballbot_ros.demo.timeline import Timeline
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.nodes.bridge.settings import BridgeSettings
@@ -64,7 +65,7 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
         with recorded_graph(
                 folder, (*TOPICS, *TOOL_TOPICS, *MORE_TOPICS), timeline, nodes, metadata,
                 own_domain()) as graph:
-            return graph.run(GetGoing(graph.node).poll, timeout, longest=timeout)
+            return graph.run(release_and_resume(graph.node), timeout, longest=timeout)
 
     prepare(('simulator', 'bridge', 'decision'))  # before any wait
     if not quiet:
@@ -78,55 +79,45 @@ def run_hardware_demo(out: Path, protocol: str, firmware: str = '', serial_imu: 
     return code
 
 
-class GetGoing:
+def release_and_resume(node: Node) -> Actions:
     """
-    Performs the steps of an operator: releases the e-stop, then resumes the decision.
+    Perform the steps of an operator: release the e-stop, then resume the decision.
 
-    It waits for the decision first: the preparation of that node loads the machine, and a
+    Both services must be ready first: the preparation of the decision loads the machine, and a
     loop with motor power needs processor time.  An e-stop that engages by itself later ends the
     run, with its reason.
     """
-
-    def __init__(self, node: Node):
-        self._services = ('bridge/release_e_stop', 'obstacle_decision/resume')
-        self._clients = [node.create_client(Trigger, service) for service in self._services]
-        self._answer: Optional[Future] = None
-        self._next = 0.0
-        self._done = 0  # calls that succeeded
-        self._refused_since: Optional[float] = None
-        self._released = False  # a status with released e-stop has been received
-        self._e_stop: Optional[str] = None  # why it engaged after that
-        create_subscription(node, 'motor_status', self.take)
-
-    def take(self, message: MotorStatus) -> None:
-        """Record the e-stop; ignore the one at the start."""
-        if self._done == len(self._clients):
-            if self._released and message.e_stop:
+    services = ('bridge/release_e_stop', 'obstacle_decision/resume')
+    clients = [node.create_client(Trigger, service) for service in services]
+    received: Deque[MotorStatus] = deque()
+    # rclpy inspects the signature of a callback, and a builtin has none.
+    create_subscription(node, 'motor_status', lambda message: received.append(message))
+    while not all(client.service_is_ready() for client in clients):
+        yield None
+    done, called, refused_since = 0, -math.inf, math.inf
+    while done < len(clients):
+        while time.monotonic() <= called + CALL_PERIOD:
+            yield None
+        answer, called = clients[done].call_async(Trigger.Request()), time.monotonic()
+        while not answer.done():
+            yield None
+        if answer.result().success:
+            done += 1
+            continue
+        service, done = services[done], 0  # the e-stop may have engaged
+        refused_since = min(refused_since, called)
+        if time.monotonic() - refused_since > REFUSAL_TIMEOUT:
+            yield f'{service} has refused for {REFUSAL_TIMEOUT:g} s: {answer.result().message}'
+    received.clear()  # the e-stop was engaged at the start
+    released = False  # a status with released e-stop has been received
+    while True:
+        while received:
+            message = received.popleft()
+            if released and message.e_stop:
                 faults = f' ({", ".join(message.faults)})' if message.faults else ''
-                self._e_stop = f'{message.e_stop}{faults}'
-            self._released = self._released or not message.e_stop
-
-    def poll(self) -> Optional[str]:
-        """Perform the next step; return the reason of a failure, if any.  Call this often."""
-        if self._e_stop is not None:
-            return f'the e-stop has engaged by itself: {self._e_stop}'
-        if self._done == len(self._clients):
-            return None
-        now = time.monotonic()
-        if self._answer is not None and self._answer.done():
-            answer, self._answer = self._answer.result(), None
-            if answer.success:
-                self._done += 1
-                return None
-            service, self._done = self._services[self._done], 0  # the e-stop may have engaged
-            self._refused_since = self._refused_since or now
-            return None if now - self._refused_since <= REFUSAL_TIMEOUT else (
-                f'{service} has refused for {REFUSAL_TIMEOUT:g} s: {answer.message}')
-        if self._answer is None and now > self._next and all(
-                client.service_is_ready() for client in self._clients):
-            self._answer = self._clients[self._done].call_async(Trigger.Request())
-            self._next = now + CALL_PERIOD
-        return None
+                yield f'the e-stop has engaged by itself: {message.e_stop}{faults}'
+            released = released or not message.e_stop
+        yield None
 
 
 def load_note() -> str:

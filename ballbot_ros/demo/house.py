@@ -1,25 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demo on a floor: the navigator drives from room to room, over thresholds and a step."""
 from functools import partial
+from itertools import zip_longest
 import math
 from pathlib import Path
-from typing import Any, Callable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, List, NamedTuple, Optional, Sequence, Tuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from matplotlib.figure import Figure
 from nav_msgs.msg import Path as Plan
 from rclpy.action import ActionClient
+from rclpy.node import Node
 
 from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
 from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.demo.demo import (
-    ANSWERS, check_bag, conclude, DECISION, fitting_curve, in_processes, lockstep_note,
-    loop_parameters, print_event, RecordedSimulation, ROBOT, STATES, TOOL_TOPICS, TUNING)
+    ANSWERS, check_bag, conclude, CONTROL_RATE, DECISION, fitting_curve, in_processes,
+    lockstep_note, loop_parameters, print_event, ROBOT, STATES, TOOL_TOPICS, TUNING)
 from ballbot_ros.demo.forked import import_nodes
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
-from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph
+from ballbot_ros.demo.recorded_graph import Actions, recorded_graph, run_simulator
 from ballbot_ros.demo.timeline import Timeline
 from ballbot_ros.figures.route import driven_figure
 from ballbot_ros.floors import Floor, load_floor
@@ -96,9 +98,12 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
                 out, (*LOCKSTEP_RATES, *OTHER_TOPICS, *TOOL_TOPICS), timeline,
                 {'controller': controller, 'navigator': navigator, 'simulator': simulator},
                 bag_metadata(SIMULATOR, simulator), domain) as graph:
-            guide = TourGuide(graph, timeline, tour, arrived, RecordedSimulation(
-                graph.node, graph.bag, rates, free_running=real_time or watched))
-            wrong = graph.run(guide.poll, timeout, longest or DURATION_MAX, tuple(STATES))
+            both = zip_longest(
+                run_simulator(graph.node, graph.bag, tuple(rates), CONTROL_RATE,
+                              free_running=real_time or watched),
+                drive_tour(graph.node, timeline, tour, arrived))
+            wrong = graph.run((stopped or ended for stopped, ended in both), timeout,
+                              longest or DURATION_MAX, tuple(STATES))
         return wrong + check_bag(graph, rates, quiet)
 
     def verdict_on() -> List[str]:
@@ -153,51 +158,41 @@ class HouseTimeline(Timeline):
         self._report(max(self.now, 0.0), word, sentence)
 
 
-class TourGuide:
+def drive_tour(node: Node, timeline: HouseTimeline, tour: Sequence[Visit],
+               arrived: List[Visit]) -> Actions:
     """
-    Sends the goals of a tour to the navigator, one after the other.
+    Send the goals of a tour to the navigator, one after the other.
 
     Reached goals are appended to `arrived`.
     """
+    ready = False
 
-    def __init__(self, graph: RecordedGraph, timeline: HouseTimeline, tour: Sequence[Visit],
-                 arrived: List[Visit], simulation: RecordedSimulation):
-        self._timeline, self._tour, self._arrived = timeline, tour, arrived
-        self._simulation = simulation
-        self._client = ActionClient(graph.node, NavigateToPose, 'navigate_to_pose')
-        self._ready = False
-        self._drive = self._drive_tour()
-        create_subscription(graph.node, '/diagnostics', self._take_health)
-        create_subscription(graph.node, 'plan', timeline.add_plan)
-
-    def _take_health(self, message: DiagnosticArray) -> None:
-        self._ready = self._ready or any(
+    def take_health(message: DiagnosticArray) -> None:
+        nonlocal ready
+        ready = ready or any(
             status.name.startswith('navigator:') and status.level == DiagnosticStatus.OK
             for status in message.status)
 
-    def poll(self) -> Optional[str]:
-        """Perform the next action, if possible; return the reason if the tour cannot continue."""
-        return self._simulation.poll() or next(self._drive, None)
-
-    def _drive_tour(self) -> Iterator[Optional[str]]:
-        """Yield None while waiting, and the reason if the tour cannot continue."""
-        for visit in self._tour:
-            while not (self._ready and self._client.server_is_ready()):
-                yield None
-            sent = self._client.send_goal_async(NavigateToPose.Goal(
-                pose=stamped_pose('map', to_time(0.0), visit.x, visit.y, 0.0)))
-            while not sent.done():
-                yield None
-            if not sent.result().accepted:
-                yield f'the navigator has refused the {visit.room} as a goal, see its log'
-            self._timeline.note('goal', f'the {visit.room}, ({visit.x:g}, {visit.y:g})')
-            ended = sent.result().get_result_async()
-            while not ended.done():
-                yield None
-            result: Any = ended.result().result
-            if result.error_code:
-                yield f'the navigator has ended the goal: {result.error_msg}'
-            self._arrived.append(visit)
-            away = math.dist(self._timeline.driven[-1], visit[1:])
-            self._timeline.note('arrives', f'in the {visit.room}, {away:.2f} m from the goal')
-        self._timeline.rested = self._timeline.now
+    create_subscription(node, '/diagnostics', take_health)
+    create_subscription(node, 'plan', timeline.add_plan)
+    client = ActionClient(node, NavigateToPose, 'navigate_to_pose')
+    for visit in tour:
+        while not (ready and client.server_is_ready()):
+            yield None
+        sent = client.send_goal_async(NavigateToPose.Goal(
+            pose=stamped_pose('map', to_time(0.0), visit.x, visit.y, 0.0)))
+        while not sent.done():
+            yield None
+        if not sent.result().accepted:
+            yield f'the navigator has refused the {visit.room} as a goal, see its log'
+        timeline.note('goal', f'the {visit.room}, ({visit.x:g}, {visit.y:g})')
+        ended = sent.result().get_result_async()
+        while not ended.done():
+            yield None
+        result: Any = ended.result().result
+        if result.error_code:
+            yield f'the navigator has ended the goal: {result.error_msg}'
+        arrived.append(visit)
+        away = math.dist(timeline.driven[-1], visit[1:])
+        timeline.note('arrives', f'in the {visit.room}, {away:.2f} m from the goal')
+    timeline.rested = timeline.now

@@ -4,16 +4,19 @@ from collections import deque
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+import itertools
 import os
 from pathlib import Path
 import time
-from typing import Any, Callable, Deque, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import (
+    Any, Deque, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple)
 
 import rclpy
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import Trigger
 
 from ballbot_ros.bags import recorded_run
 from ballbot_ros.bags.writer import BagRecorder, stamp_of
@@ -23,6 +26,7 @@ from ballbot_ros.msg import BallState, StepDecision
 from ballbot_ros.nodes.start import start
 from ballbot_ros.ros import discovery
 from ballbot_ros.ros.rclpy_compat import new_executor
+from ballbot_ros.srv import Step
 
 # Period at which recorded messages and the node processes are checked [s].
 POLL_PERIOD = 0.01
@@ -30,6 +34,16 @@ POLL_PERIOD = 0.01
 STATES, DECISIONS = 'ball_state', 'step_decision'
 # A topic that lags another topic by this time no longer delays it [ns].
 LONGEST_DELAY = 5 * 10**9
+# Wall time after which a paused simulator is reset again, to publish its state [s].
+RESET_PERIOD = 0.2
+# Time after which a response that has not arrived counts as lost [s].
+LONGEST_ANSWER = 5.0
+# Simulated time of one advance in lockstep [s].
+ADVANCE_TIME = 1.0
+
+# A generator for the actions of a run: it yields None while it waits, and the reason if the run
+# cannot continue.
+Actions = Iterator[Optional[str]]
 
 
 class MessagesInOrder:
@@ -75,14 +89,13 @@ class RecordedGraph:
     timeline: Timeline
     messages: MessagesInOrder
 
-    def run(self, poll: Callable[[], Optional[str]], timeout: float,
-            longest: float, topics: Sequence[str] = ()) -> List[str]:
+    def run(self, actions: Actions, timeout: float, longest: float,
+            topics: Sequence[str] = ()) -> List[str]:
         """
         Record until the ball rests, and `topics` to that time; end the nodes; return failures.
 
-        Calls `poll` often, which returns the reason if the run cannot continue.  The run fails
-        after `timeout` of wall time without a new state [s], and ends after `longest` on the
-        timeline [s].
+        The run fails after `timeout` of wall time without a new state [s], and ends after
+        `longest` on the timeline [s].
         """
         deadline, reached, ended = time.monotonic() + timeout, self.timeline.now, False
         while not (ended and self._recorded_to_end(topics)):
@@ -92,7 +105,7 @@ class RecordedGraph:
                 ended = self.timeline.rested is not None or self.timeline.now > longest
             if self.timeline.now > reached:
                 deadline, reached = time.monotonic() + timeout, self.timeline.now
-            reason = poll()
+            reason = next(actions, None)
             if reason:
                 return [reason]
             if self.bag.failure is not None:
@@ -159,3 +172,54 @@ def recording(name: str, out: Path, metadata: Mapping[str, str], domain: int
         node.destroy_node()
         recorder.destroy_node()
         rclpy.try_shutdown()
+
+
+def resets_until_recorded(node: Node, bag: BagRecorder, topics: Iterable[str]) -> Actions:
+    """
+    Reset a paused simulator until the recorder has received every topic.
+
+    Each reset makes the simulator publish its first state, to which the other nodes respond.
+    Counting publishers is not enough: a publisher may not have discovered the recorder yet.
+    """
+    reset, wanted = node.create_client(Trigger, 'simulator/reset'), set(topics)
+
+    def received() -> bool:
+        return wanted <= bag.recorded.keys()
+
+    while not reset.service_is_ready():
+        yield None
+    while not received():
+        answer, called = reset.call_async(Trigger.Request()), time.monotonic()
+        # The simulator must not be reset after it has started.
+        while not (answer.done() and received()) and (
+                (waited := time.monotonic() - called) < RESET_PERIOD or (
+                    not answer.done() and waited < RESET_PERIOD + LONGEST_ANSWER)):
+            yield None
+
+
+def run_simulator(node: Node, bag: BagRecorder, topics: Sequence[str], control_rate: float,
+                  free_running: bool) -> Actions:
+    """
+    Run a paused simulator no faster than the recorder of some topics can follow.
+
+    In lockstep the simulator advances by one second at a time, as soon as all messages of the
+    previous second are recorded.  On a busy machine a recorder would otherwise lag by more
+    messages than the publishers keep.  A `free_running` simulator, in real time for instance, is
+    not interrupted.
+    """
+    resume = node.create_client(Trigger, 'simulator/resume')
+    step = node.create_client(Step, 'simulator/step')
+    while not (resume.service_is_ready() and step.service_is_ready()):
+        yield None
+    yield from resets_until_recorded(node, bag, topics)
+    if free_running:
+        resume.call_async(Trigger.Request())
+        return
+    for number in itertools.count(1):
+        answer = step.call_async(Step.Request(periods=round(ADVANCE_TIME * control_rate)))
+        # A response may be lost during service discovery, so the recorded stamps are checked.
+        end = dict.fromkeys(topics, round(1e9 * number * ADVANCE_TIME))
+        while not bag.reached(end):
+            if answer.done() and not answer.result().success:
+                yield f'the simulator has stopped: {answer.result().message}'
+            yield None

@@ -5,11 +5,8 @@ from pathlib import Path
 import time
 from typing import Any, Callable, Dict, List, Mapping
 
-from std_srvs.srv import Trigger
-
-from ballbot_ros.demo.demo import RESET_PERIOD
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
-from ballbot_ros.demo.recorded_graph import recording
+from ballbot_ros.demo.recorded_graph import recording, resets_until_recorded
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.nodes.simulator.outputs import every
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings
@@ -76,13 +73,10 @@ def run_lockstep(folder: Path, nodes: Mapping[str, Mapping[str, Any]], periods: 
         bag.record_in_thread()
         for name, parameters in nodes.items():
             processes.start(name, parameters)
-        reset = node.create_client(Trigger, 'simulator/reset')
         step = node.create_client(Step, 'simulator/step')
-        wait(lambda: reset.service_is_ready() and step.service_is_ready())
-        while not set(topics) <= bag.recorded.keys():
-            reset.call_async(Trigger.Request())
-            again = time.monotonic() + RESET_PERIOD
-            wait(lambda: time.monotonic() > again)
+        resets = resets_until_recorded(node, bag, topics)
+        wait(step.service_is_ready)
+        wait(lambda: next(resets, 'recorded'))
         run = step.call_async(Step.Request(periods=periods))
         wait(run.done)
         if not run.result().success:

@@ -6,9 +6,8 @@ import pytest
 from refusals import refused
 
 from ballbot_ros.config.files import shipped_folder
-from ballbot_ros.demo import demo, hardware
-from ballbot_ros.demo.demo import CASES, demo_cases, passages_of, RecordedSimulation
-from ballbot_ros.demo.hardware import GetGoing
+from ballbot_ros.demo import demo, hardware, recorded_graph
+from ballbot_ros.demo.demo import CASES, demo_cases, passages_of
 from ballbot_ros.demo.house import run_house_demo
 from ballbot_ros.demo.timeline import account, Expected, Passage, Timeline
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
@@ -100,27 +99,28 @@ def test_a_run_without_expectations_is_reported_face_by_face(gimball):
 
 @pytest.fixture
 def person(monkeypatch):
-    """Return a controllable `GetGoing`, whose services reply with the texts of `answers`."""
-    clock = SimpleNamespace(now=100.0)
-    answers = {}
+    """Return a controllable operator, whose services reply with the texts of `answers`."""
+    clock, answers, taking = SimpleNamespace(now=100.0), {}, []
 
     def create_client(kind, name):
         def call_async(request):
             done = SimpleNamespace(success=answers[name] == '', message=answers[name])
             return SimpleNamespace(done=lambda: True, result=lambda: done)
-        return SimpleNamespace(service_is_ready=lambda: True, call_async=call_async)
-    monkeypatch.setattr(hardware, 'create_subscription', lambda *arguments: None)
+        return SimpleNamespace(service_is_ready=lambda: name in answers, call_async=call_async)
+    monkeypatch.setattr(hardware, 'create_subscription',
+                        lambda node, topic, callback: taking.append(callback))
     monkeypatch.setattr(hardware, 'time', SimpleNamespace(monotonic=lambda: clock.now))
-    person = GetGoing(SimpleNamespace(create_client=create_client))
+    actions = hardware.release_and_resume(SimpleNamespace(create_client=create_client))
+    assert next(actions) is None
 
     def poll(seconds):
         for _ in range(round(seconds / 0.1)):
             clock.now += 0.1
-            why = person.poll()
+            why = next(actions)
             if why:
                 return why
         return None
-    return SimpleNamespace(answers=answers, poll=poll, take=person.take)
+    return SimpleNamespace(answers=answers, poll=poll, take=lambda message: taking[0](message))
 
 
 RELEASE, RESUME = 'bridge/release_e_stop', 'obstacle_decision/resume'
@@ -166,16 +166,17 @@ def test_a_simulation_is_reset_until_it_is_recorded_and_then_advanced(monkeypatc
     def create_client(kind, name):
         return SimpleNamespace(service_is_ready=lambda: True, call_async=lambda request: (
             calls.append(name) or SimpleNamespace(done=lambda: True, result=lambda: answer)))
-    monkeypatch.setattr(demo, 'time', SimpleNamespace(monotonic=lambda: clock.now))
-    simulation = RecordedSimulation(
+    monkeypatch.setattr(
+        recorded_graph, 'time', SimpleNamespace(monotonic=lambda: clock.now))
+    actions = recorded_graph.run_simulator(
         SimpleNamespace(create_client=create_client), SimpleNamespace(
             recorded=recorded, reached=lambda stamps: stamps == {'odom': clock.stamp}),
-        ['odom'], free_running=False)
+        ['odom'], 500.0, free_running=False)
 
     def calls_in(seconds):
         calls.clear()
         for _ in range(round(seconds / 0.1)):
-            assert simulation.poll() is None
+            assert next(actions) is None
             clock.now += 0.1
         return calls
     assert set(calls_in(1.0)) == {'simulator/reset'} and 4 <= len(calls) <= 6
@@ -187,7 +188,7 @@ def test_a_simulation_is_reset_until_it_is_recorded_and_then_advanced(monkeypatc
     clock.stamp = 10**9
     assert calls_in(1.0) == ['simulator/step']
     answer.success, answer.message = False, 'it fell'
-    assert simulation.poll() == 'the simulator has stopped: it fell'
+    assert next(actions) == 'the simulator has stopped: it fell'
 
 
 @pytest.mark.parametrize('given, lockstep, factor', [
