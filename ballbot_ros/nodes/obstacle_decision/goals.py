@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The actions ``~/drive_to`` and ``~/cross_step``; `decision.goals` implements their behaviour."""
 import math
-from typing import Any, Callable, Optional, Tuple
+from typing import Any, Optional, Tuple
 
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
@@ -19,17 +19,10 @@ FEEDBACK = 0.1  # period of the feedback [s]
 
 
 class GoalServers:
-    """
-    Serves both actions, one goal at a time.
+    """Serves both actions, one goal at a time; during a standstill, goals are rejected."""
 
-    During a standstill, goals are rejected; the service ``~/resume`` continues without goals.
-    With `waiting`, the ball rests until a goal arrives.
-    """
-
-    def __init__(self, node: Node, decider: Callable[[], Decider], standstill: Standstill,
-                 waiting: bool):
+    def __init__(self, node: Node, decider: Decider, standstill: Standstill):
         self._node, self._decider, self._standstill = node, decider, standstill
-        decider().goals.waiting, standstill.go_on = waiting, self.go_on
         self._running: Optional[Tuple[DeferredActionServer, ServerGoalHandle]] = None
         self._goal: Any = None
         self._last_feedback = -math.inf
@@ -43,7 +36,7 @@ class GoalServers:
 
     def _check(self) -> Motion:
         """Return the motion at the start of a goal; raise `RefusedError` if none can start."""
-        decider = self._decider()
+        decider = self._decider
         if self._standstill.standing:
             raise RefusedError(self._standstill.reason, 'standing', 'e_stop')
         if decider.goals.goal is not None:
@@ -54,7 +47,7 @@ class GoalServers:
         return decider.motion
 
     def _check_drive(self, request: DriveTo.Goal) -> None:
-        start, decider = self._check(), self._decider()
+        start, decider = self._check(), self._decider
         target = request.target + (start.position if request.relative else 0.0)
         self._goal = DriveGoal(
             start, target, request.speed_limit, request.tolerance, request.timeout,
@@ -64,22 +57,15 @@ class GoalServers:
         self._goal = CrossGoal(self._check(), request.timeout)
 
     def _begin(self, server: DeferredActionServer, handle: ServerGoalHandle) -> None:
-        self._decider().goals.begin(self._goal)
+        self._decider.goals.begin(self._goal)
         self._running, self._last_feedback = (server, handle), -math.inf
         self._timeout.restart()
-
-    def go_on(self) -> bool:
-        """Follow the decision without goals; return whether this changes the mode."""
-        goals = self._decider().goals
-        waiting = goals.waiting
-        goals.go_on()
-        return waiting
 
     def step(self) -> None:
         """Update the goal; called after each decision."""
         if self._running is None:
             return
-        decider, (server, handle) = self._decider(), self._running
+        decider, (server, handle) = self._decider, self._running
         self._timeout.restart()
         if decider.end is not None:
             return self._finish(server, handle, decider.end)
@@ -94,7 +80,7 @@ class GoalServers:
     def abort(self, why: str) -> None:
         """Abort the active goal, if any, because of the e-stop or missing odometry."""
         if self._running is not None:
-            self._decider().goals.end()
+            self._decider.goals.end()
             self._finish(*self._running, GoalEnd(
                 Ending.E_STOP if self._standstill.engaged else Ending.LOST, why))
 
@@ -121,7 +107,7 @@ class GoalServers:
         server.finish(handle, self._result(end))
 
     def _result(self, end: GoalEnd) -> Any:
-        decider, goal = self._decider(), self._goal
+        decider, goal = self._decider, self._goal
         kind = DriveTo.Result if isinstance(goal, DriveGoal) else CrossStep.Result
         result = kind(outcome=getattr(kind, f'OUTCOME_{end.ending.name}'), message=end.message,
                       position=decider.motion.position if decider.motion else math.nan)
@@ -136,7 +122,7 @@ class GoalServers:
         goal = self._goal
         kind = DriveTo.Feedback if isinstance(goal, DriveGoal) else CrossStep.Feedback
         feedback = kind(position=motion.position, speed=motion.speed)
-        feedback.decision, _, feedback.message = _in_force(self._decider())
+        feedback.decision, _, feedback.message = _in_force(self._decider)
         if isinstance(goal, CrossGoal):
             feedback.phase = getattr(kind, f'PHASE_{goal.phase.name}')
             feedback.distance, feedback.height = planned.distance, planned.height

@@ -73,9 +73,9 @@ class ObstacleDecision(Node):
         for topic in OBSERVATIONS:
             create_subscription(self, topic, partial(self._on_observation, topic))
         create_subscription(self, 'odom', self._on_odometry)
-        self._standstill = Standstill(self, self._stand)
-        self._goals = GoalServers(
-            self, lambda: self._decider, self._standstill, settings.wait_for_goal)
+        self._decider.goals.waiting = settings.wait_for_goal
+        self._standstill = Standstill(self, self._stand, self._go_on)
+        self._goals = GoalServers(self, self._decider, self._standstill)
         self._diagnostics = diagnostics.Diagnostics(
             self, 'decision', self._health, knowledge.robot.name)
 
@@ -129,6 +129,12 @@ class ObstacleDecision(Node):
         """Discard the decision, so that no plan outlives an e-stop, and command rest."""
         self._reset('the e-stop is engaged')
         self._outputs.rest(Time())
+
+    def _go_on(self) -> bool:
+        """Follow the decision without goals; return whether this changes the mode."""
+        waiting = self._decider.goals.waiting
+        self._decider.goals.go_on()
+        return waiting
 
     def _decide_pending(self) -> None:
         """Decide on the newest observation, if odometry is at least as new."""

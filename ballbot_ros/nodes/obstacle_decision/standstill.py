@@ -17,10 +17,9 @@ class Standstill:
     calls `go_on`; this returns whether it changed the mode.
     """
 
-    def __init__(self, node: Node, stand: Callable[[], None]):
+    def __init__(self, node: Node, stand: Callable[[], None], go_on: Callable[[], bool]):
         """Subscribe; without a publisher the e-stop counts as released."""
-        self._stand, self._logger = stand, node.get_logger()
-        self.go_on: Callable[[], bool] = lambda: False
+        self._stand, self._go_on, self._logger = stand, go_on, node.get_logger()
         self._service = f'{node.get_fully_qualified_name()}/resume'
         self.engaged = self.standing = False
         subscribe_e_stop(node, self._on_e_stop)
@@ -44,6 +43,6 @@ class Standstill:
     def _resume(self) -> str:
         if self.engaged:
             raise RefusedError('the e-stop is engaged: release it first', 'standing', 'e_stop')
-        went_on = self.go_on()
+        went_on = self._go_on()
         was, self.standing = self.standing or went_on, False
         return 'resumed' if was else 'no stop to resume from'
