@@ -21,7 +21,6 @@ import numpy as np
 from ballbot_ros.black_box.dump import LIBRARY, PATTERN
 from ballbot_ros.black_box.ring import (
     CHANNELS, EVENT, FROM_DRIVE, MESSAGE, OUTSIDE_LENGTH, TO_DRIVE)
-from ballbot_ros.bridge.observer import Level
 from ballbot_ros.drives.capture import Record
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Array
@@ -62,11 +61,6 @@ class BlackBoxRecording:
         times += [item.time for item in (*self.traffic[:1], *self.traffic[-1:])]
         times += [item.time for item in (*self.events[:1], *self.events[-1:])]
         return (min(times), max(times)) if times else (math.nan, math.nan)
-
-    @property
-    def faults(self) -> List[RecordedEvent]:
-        """Return the events that trigger a dump."""
-        return [event for event in self.events if event.level == Level.FAULT]
 
 
 def date(time: float) -> datetime:

@@ -92,8 +92,13 @@ class NodeProcesses:
         `arguments`, ``('--ros-args', '-r', '__ns:=/left')`` for instance, are appended to the
         command line; `label` names the process if the same node is started twice.
         """
-        self.run('ballbot_ros.nodes.start',
-                 [name, *parameter_arguments(parameters or {}), *arguments], label or name)
+        label = label or name
+        with open(self.log(label), 'a', encoding='utf-8') as log:
+            self._running[label] = subprocess.Popen(
+                [sys.executable, '-m', 'ballbot_ros.nodes.start', name,
+                 *parameter_arguments(parameters or {}), *arguments], stdout=log,
+                stderr=subprocess.STDOUT, env=self._environment, stdin=subprocess.DEVNULL,
+                start_new_session=True)
 
     def fork(self, name: str, work: Callable[[], int], arguments: Sequence[str] = (),
              method: str = 'fork') -> None:
@@ -101,14 +106,6 @@ class NodeProcesses:
         self.log(name).touch()
         self._running[name] = Forked(partial(
             run_detached, name, work, arguments, self._environment, self.log(name)), method)
-
-    def run(self, module: str, arguments: Sequence[str], label: str) -> None:
-        """Start a module as ``python -m`` does; `label` names the process here."""
-        with open(self.log(label), 'a', encoding='utf-8') as log:
-            self._running[label] = subprocess.Popen(
-                [sys.executable, '-m', module, *arguments], stdout=log,
-                stderr=subprocess.STDOUT, env=self._environment, stdin=subprocess.DEVNULL,
-                start_new_session=True)
 
     def ended(self) -> Optional[Tuple[str, int]]:
         """Return name and exit code of a node that has ended by itself, if any."""
