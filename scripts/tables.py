@@ -46,11 +46,19 @@ KINDS = {str: 'text', bool: 'true or false', object: 'names with values'}
 def table(cls, prefix='', at_run_time=False):
     """Return the Markdown table of the described fields of a dataclass."""
     titles = ['parameter', 'default', 'allowed', 'meaning', *(['can change'] * at_run_time)]
+    return '\n'.join(markdown(titles, table_rows(cls, prefix, at_run_time)))
+
+
+def table_rows(cls, prefix, at_run_time):
+    """Return the rows of `table`."""
     rows = []
     for item in fields(cls):
         metadata = item.metadata
-        if 'source' in metadata:
+        if metadata.get('source'):
             continue  # the values of a file have a separate table
+        if 'prefix' in metadata:
+            rows += table_rows(metadata['cls'], metadata['prefix'], at_run_time)
+            continue
         if metadata['kind'] in (float, int):
             span = allowed(metadata)
         else:
@@ -62,7 +70,7 @@ def table(cls, prefix='', at_run_time=False):
             why = why_fixed(metadata if issubclass(cls, Settings) else {'fixed': '', **metadata})
             row.append(f'no: {why}' if why else 'yes')
         rows.append(row)
-    return '\n'.join(markdown(titles, rows))
+    return rows
 
 
 def driver_table(line, size, bauds, unit):

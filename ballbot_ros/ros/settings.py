@@ -47,11 +47,18 @@ def numbers_in(source: str, cls: Type[Checked], load: Callable[[str], Any],
         'load': load, 'prefix': prefix})
 
 
+def numbers_of(cls: Type[Checked], prefix: str) -> Any:
+    """Declare each described field of a class as a parameter, whose name has a prefix."""
+    return field(default=cls(), metadata={
+        'kind': object, 'doc': f'the parameters {prefix}*', 'cls': cls, 'source': '',
+        'prefix': prefix})
+
+
 class Described(NamedTuple):
     """A parameter: a field of the settings, or a part of such a field."""
 
     field: str
-    part: str  # name of a number from a file; empty if the field itself is the parameter
+    part: str  # name of a number in the field; empty if the field itself is the parameter
     metadata: Mapping[str, Any]
 
     def value(self, settings: Any) -> Any:
@@ -65,7 +72,7 @@ class Settings(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for item in _from_files(type(self)):
+        for item in _with_parts(type(self)):
             if getattr(self, item.name) is None:
                 object.__setattr__(self, item.name, item.metadata['load'](
                     getattr(self, item.metadata['source'])))
@@ -75,7 +82,7 @@ class Settings(Checked):
         """Return all parameters by name."""
         found: Dict[str, Described] = {}
         for item in fields(cls):
-            if 'source' in item.metadata:
+            if 'prefix' in item.metadata:
                 for part in fields(item.metadata['cls']):
                     found[item.metadata['prefix'] + part.name] = Described(
                         item.name, part.name, {'fixed': '', **part.metadata})
@@ -105,13 +112,13 @@ class Settings(Checked):
         for name in set(values) - set(own):
             parts.setdefault(described[name].field, {})[described[name].part] = values[name]
         numbers = {}
-        for item in _from_files(type(self)):
+        for item in _with_parts(type(self)):
             base, source = getattr(self, item.name), item.metadata['source']
-            if own.get(source, getattr(self, source)) != getattr(self, source):
+            if source in own and own[source] != getattr(self, source):
                 base = item.metadata['load'](own[source])
             numbers[item.name] = replace(base, **parts.get(item.name, {}))
         return replace(self, **own, **numbers)
 
 
-def _from_files(cls: Type[Settings]) -> list['Field[Any]']:
-    return [item for item in fields(cls) if 'source' in item.metadata]
+def _with_parts(cls: Type[Settings]) -> list['Field[Any]']:
+    return [item for item in fields(cls) if 'prefix' in item.metadata]

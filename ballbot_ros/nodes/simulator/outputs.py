@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Outputs of the simulator, each topic at its own rate."""
-from dataclasses import fields
 import math
 import struct
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
@@ -14,8 +13,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.nodes.simulator.settings import SimulatorSettings
 from ballbot_ros.physics.model.state import State
 from ballbot_ros.physics.model.terrain import Terrain
-from ballbot_ros.plant import (
-    FloorPlant, Latency, periods_per, Plant, Sensor, SensorFaults, TerrainSensor)
+from ballbot_ros.plant import FloorPlant, Latency, periods_per, Plant, Sensor, TerrainSensor
 from ballbot_ros.ros.conversions import (
     ball_state_message, map_message, observation_message, odometry_message, scan_message,
     sec_nanosec, terrain_message, to_time)
@@ -199,7 +197,7 @@ class Sensors:
 
     def __init__(self, node: Node, plant: Plant, settings: SimulatorSettings):
         self._node, self._plant, self._frames = node, plant, Frames.of(settings)
-        self._late: Latency[Tuple[Publisher, Any]] = Latency(settings.sensor_latency)
+        self._late: Latency[Tuple[Publisher, Any]] = Latency(settings.sensor.latency)
         self._topics: Dict[str, Publisher] = {}
         self.prepare(settings)()
 
@@ -222,7 +220,7 @@ class Sensors:
         def commit() -> None:
             self._settings, self._periods = settings, periods
             self._ground, (self._step, self._terrain) = ground, sensors
-            self._late.seconds = settings.sensor_latency
+            self._late.seconds = settings.sensor.latency
             for topic in periods.keys() - self._topics:
                 self._topics[topic] = create_publisher(self._node, topic)
         return commit
@@ -265,12 +263,10 @@ class Sensors:
 
 
 def sensors_on(ground: Terrain, settings: SimulatorSettings) -> Tuple[Sensor, TerrainSensor]:
-    faults = SensorFaults(**{item.name: getattr(settings, f'sensor_{item.name}')
-                             for item in fields(SensorFaults)})
     return (Sensor(ground, settings.observation_reach, settings.observation_distance_sd,
-                   settings.observation_height_sd, settings.seed, faults),
+                   settings.observation_height_sd, settings.seed, settings.sensor),
             TerrainSensor(ground, settings.terrain_reach, settings.terrain_height_sd,
-                          settings.seed, faults))
+                          settings.seed, settings.sensor))
 
 
 def check_lockstep(settings: SimulatorSettings) -> None:
@@ -285,8 +281,9 @@ def check_lockstep(settings: SimulatorSettings) -> None:
             'terrain_rate must be 0 Hz where observation_rate is above 0 Hz in lockstep, where '
             f'each period has one answer, got {settings.observation_rate:g} and '
             f'{settings.terrain_rate:g} Hz; set one of them to 0', 'inconsistent', 'terrain_rate')
-    for name in ('sensor_latency', 'sensor_dropout'):
-        if getattr(settings, name) > 0.0:
+    for name, value in (('sensor_latency', settings.sensor.latency),
+                        ('sensor_dropout', settings.sensor.dropout)):
+        if value > 0.0:
             raise ConfigurationError(
                 f'{name} must be 0 in lockstep, where each period waits for its observation, got '
-                f'{getattr(settings, name):g}; set lockstep to false', 'inconsistent', name)
+                f'{value:g}; set lockstep to false', 'inconsistent', name)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of the node: name, unit, range, default and meaning."""
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 from ballbot_ros.config.fields import count, fixed, flag, live, quantity, text
 from ballbot_ros.control import ControlTuning, load_tuning
@@ -12,13 +11,7 @@ from ballbot_ros.physics.simulation.scene import load_scene
 from ballbot_ros.physics.simulation.solver import METHODS, Solver
 from ballbot_ros.plant import FloorPlant, Plant, SensorFaults
 from ballbot_ros.ros.frames import described, frame, frame_prefix, marked
-from ballbot_ros.ros.settings import file_in, numbers_in, rate_of, Settings
-
-
-def _fault(name: str) -> Any:
-    """Declare a fault of both sensors as `SensorFaults` does."""
-    declared = SensorFaults.__dataclass_fields__[name]
-    return field(default=declared.default, metadata=declared.metadata)
+from ballbot_ros.ros.settings import file_in, numbers_in, numbers_of, rate_of, Settings
 
 
 @dataclass(frozen=True)
@@ -111,15 +104,7 @@ class SimulatorSettings(Settings):
     map_heading_sd: float = live(quantity(
         'rad', 'standard deviation of the drifting heading error of odom on the map; 0 for '
         'none', default=0.0, minimum=0.0, maximum=3.2))
-    sensor_reported_sd: float = live(_fault('reported_sd'))
-    sensor_bias: float = live(_fault('bias'))
-    sensor_scale: float = live(_fault('scale'))
-    sensor_growth: float = live(_fault('growth'))
-    sensor_dropout: float = live(_fault('dropout'))
-    sensor_latency: float = live(_fault('latency'))
-    sensor_holes: float = live(_fault('holes'))
-    sensor_offset: float = live(_fault('offset'))
-    sensor_tilt: float = live(_fault('tilt'))
+    sensor: SensorFaults = numbers_of(SensorFaults, 'sensor_')
     seed: int = live(count('seed of the noise and the dropouts of the sensors', default=0))
     publish_markers: bool = marked('ground, contacts and forces')
     publish_description: bool = described()

@@ -12,7 +12,7 @@ from ballbot_ros.nodes.simulator.settings import SimulatorSettings
     ({'sensor_dropout': 0.1}, 'sensor_dropout')])
 def test_lockstep_refuses_repeated_late_and_missing_observations(given, named):
     with refused('inconsistent', named):
-        check_lockstep(SimulatorSettings(lockstep=True, **given))
+        check_lockstep(SimulatorSettings(lockstep=True).changed(given))
 
 
 def test_lockstep_accepts_one_sensor_of_either_kind():
