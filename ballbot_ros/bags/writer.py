@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Record topics into an MCAP bag for `ros2 bag`, Foxglove and PlotJuggler; find gaps in it."""
+"""Record topics into an MCAP bag for `ros2 bag`, Foxglove and PlotJuggler."""
 from importlib.util import find_spec
 from pathlib import Path
 import shutil
@@ -11,7 +11,6 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
-import yaml
 
 from ballbot_ros.bags.opener import MISSING
 from ballbot_ros.config.files import PACKAGE, shipped_folder
@@ -294,32 +293,3 @@ class Rosbag2Writer:
 
     def close(self) -> None:
         self._writer = None  # its destructor completes the bag, in every ROS distribution
-
-
-def also_recorded() -> Tuple[str, ...]:
-    """Return the topics that viewers of a bag expect, if their types are installed."""
-    found = ('/clock', '/diagnostics', 'robot_description', 'markers')
-    return found if find_spec('tf2_msgs') is None else (*found, '/tf', '/tf_static')
-
-
-def verdict(bag: Path, recorded: Mapping[str, Sequence[int]], rates: Mapping[str, float],
-            end: int) -> Tuple[List[str], int]:
-    """
-    Return a sentence for each gap in a closed bag, and its number of messages.
-
-    `recorded` has the stamps by topic [ns], where repeated ones count once; `rates` the required
-    rates by topic [Hz], from time 0 to the stamp `end` [ns].
-    """
-    found = []
-    for topic, rate in rates.items():
-        wanted = range(0, end + 1, round(1e9 / rate))
-        missing = sorted(set(wanted).difference(recorded.get(topic, ())))
-        if missing:
-            found.append(f'bag: {topic} lacks {len(missing)} of {len(wanted)} messages, the first '
-                         f'of t = {1e-9 * missing[0]:.3f} s')
-    with open(bag / 'metadata.yaml', encoding='utf-8') as file:
-        count: int = yaml.safe_load(file)['rosbag2_bagfile_information']['message_count']
-    written = sum(map(len, recorded.values()))
-    if count != written:
-        found.append(f'bag: {written} messages were recorded and {count} are in the file')
-    return found, count

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run the demo: simulator, controller and decision, with timeline, bag, picture and verdict."""
 from functools import partial
+from importlib.util import find_spec
 import os
 from pathlib import Path
 import signal
@@ -11,10 +12,10 @@ from typing import (
     Any, BinaryIO, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple)
 
 from matplotlib.figure import Figure
+import yaml
 
 from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
 from ballbot_ros.bags.recorded_run import BALL_STATE, recorded_trajectory, stamp_of
-from ballbot_ros.bags.writer import also_recorded, verdict
 from ballbot_ros.config.fields import check_value
 from ballbot_ros.config.files import read_config, shipped_files
 from ballbot_ros.control import checked_controller, load_tuning
@@ -45,7 +46,9 @@ DURATION_MAX = 30.0  # end of the run, in simulated time [s]
 
 TOPICS = ('joint_states', 'joint_commands', 'set_point', 'odom', 'terrain_observation',
           'ball_state', 'step_decision')
-TOOL_TOPICS = also_recorded()
+# Topics that viewers of a bag expect, if their types are installed.
+TOOL_TOPICS = ('/clock', '/diagnostics', 'robot_description', 'markers',
+               *(() if find_spec('tf2_msgs') is None else ('/tf', '/tf_static')))
 
 # Required rates of the topics of the simulator and, in lockstep, of the replies to them [Hz].
 STATES = {'joint_states': CONTROL_RATE, 'ball_state': SimulatorSettings.ball_state_rate,
@@ -231,10 +234,33 @@ def check_bag(graph: RecordedGraph, rates: Mapping[str, float], quiet: bool) -> 
         return []
     # The replies to the last state may be missing.
     end = stamp_of(states[-1]) - round(1e9 / min(rates.values()))
-    wrong, count = verdict(graph.bag.folder, graph.bag.recorded, rates, end)
+    wrong, count = gaps(graph.bag.folder, graph.bag.recorded, rates, end)
     if not wrong and not quiet:
         print(f'\nbag: complete, {count:,} messages', flush=True)
     return wrong
+
+
+def gaps(bag: Path, recorded: Mapping[str, Sequence[int]], rates: Mapping[str, float],
+         end: int) -> Tuple[List[str], int]:
+    """
+    Return a sentence for each gap in a closed bag, and its number of messages.
+
+    `recorded` has the stamps by topic [ns], where repeated ones count once; `rates` the required
+    rates by topic [Hz], from time 0 to the stamp `end` [ns].
+    """
+    found = []
+    for topic, rate in rates.items():
+        wanted = range(0, end + 1, round(1e9 / rate))
+        missing = sorted(set(wanted).difference(recorded.get(topic, ())))
+        if missing:
+            found.append(f'bag: {topic} lacks {len(missing)} of {len(wanted)} messages, the first '
+                         f'of t = {1e-9 * missing[0]:.3f} s')
+    with open(bag / 'metadata.yaml', encoding='utf-8') as file:
+        count: int = yaml.safe_load(file)['rosbag2_bagfile_information']['message_count']
+    written = sum(map(len, recorded.values()))
+    if count != written:
+        found.append(f'bag: {written} messages were recorded and {count} are in the file')
+    return found, count
 
 
 def passages_of(scene: Scene, expected: Optional[Sequence[Expected]] = None) -> List[Passage]:

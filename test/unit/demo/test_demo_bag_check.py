@@ -3,7 +3,7 @@
 import pytest
 import yaml
 
-from ballbot_ros.bags.writer import verdict
+from ballbot_ros.demo import demo
 
 RATES = {'joint_states': 500.0, 'odom': 100.0}
 MS = 10**6
@@ -21,7 +21,7 @@ def gaps(folder, recorded, lost=0):
     count = sum(map(len, recorded.values())) - lost
     (folder / 'metadata.yaml').write_text(yaml.safe_dump(
         {'rosbag2_bagfile_information': {'message_count': count}}))
-    found, number = verdict(folder, recorded, RATES, 100 * MS)
+    found, number = demo.gaps(folder, recorded, RATES, 100 * MS)
     assert number == count
     return found
 
