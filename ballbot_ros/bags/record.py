@@ -12,12 +12,11 @@ from rclpy.parameter_client import AsyncParameterClient
 from ballbot_ros.bags.metadata import bag_metadata, BRIDGE, SIMULATOR
 from ballbot_ros.bags.writer import BagRecorder
 from ballbot_ros.errors import BallbotError, ConfigurationError
+from ballbot_ros.ros import qos
 from ballbot_ros.ros.graph import Observer
 from ballbot_ros.ros.parameters import BUILT_IN
 from ballbot_ros.ros.topics import message_class
 
-# Depth of a subscription, sufficient for a recorder that is delayed by some seconds.
-QUEUE_DEPTH = 5000
 GRAPH_PERIOD = 0.2  # period of the search for new topics [s]
 # Topics of the graph itself; `ros2 bag record -a` leaves out hidden names only.
 GRAPH_TOPICS = ('/rosout', '/parameter_events')
@@ -80,7 +79,7 @@ def record(observer: Observer, folder: Path, topics: List[str], duration: float,
                     raise ConfigurationError(
                         f'it has several types, {" and ".join(kinds)}', 'ambiguous', 'topic')
                 bag.subscribe(node, name, partial(count, name), message_class(kinds[0]),
-                              observer.profile(name, QUEUE_DEPTH))
+                              observer.profile(name, qos.RECORDING_DEPTH))
                 say(f'recording {name} [{kinds[0]}]')
             except BallbotError as error:
                 say(f'not recorded: {name}: {error}')
