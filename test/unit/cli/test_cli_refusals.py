@@ -174,7 +174,7 @@ def test_ctrl_c_within_a_callback_of_c_code_ends_the_run_quietly(sigint, verb_of
 
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_during_the_write_of_a_file_leaves_no_draft(number, tmp_path):
-    # In a separate process, which the signal ends at once if it is not handled.
+    # In a separate process, which the signal ends immediately if it is not handled.
     program = (
         'import os, signal, sys\n'
         'from ballbot_ros.cli import main\n'

@@ -264,7 +264,7 @@ def test_another_publisher_ends_the_goal_at_rest_and_is_named_until_it_ends(grap
     assert graph.spin(20.0, lambda: graph.send(2.7, 1.4).accepted)
 
 
-def test_a_second_navigator_of_the_same_name_is_refused_at_once(graph):
+def test_a_second_navigator_of_the_same_name_is_refused_immediately(graph):
     assert graph.send(2.7, 1.4).accepted
     other = rclpy.create_node('navigator', context=graph.client.context)
     other.create_publisher(TwistStamped, 'cmd_vel', 10)

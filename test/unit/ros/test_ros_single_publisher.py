@@ -86,7 +86,7 @@ def test_a_node_that_is_killed_and_restarted_is_followed(graph, killed):
         found.name()
 
 
-def test_a_second_publisher_with_the_name_of_the_observing_node_is_refused_at_once(graph):
+def test_a_second_publisher_with_the_name_of_the_observing_node_is_refused_immediately(graph):
     found = SinglePublisher(graph, 'joint_commands')
     graph.nodes = ['observer']
     assert found.name() == '/observer'
