@@ -53,7 +53,7 @@ def _before(recording: BlackBoxRecording) -> Iterator[Tuple[str, str]]:
         degrees = np.degrees(periods['pendulum_angle'][measured])
         sd = math.degrees(periods['angle_sd'][measured][-1])
         yield 'pendulum angle', (
-            f'{_range(degrees, "degrees")}, known to {sd:.1f} degrees (standard deviation)')
+            f'{_range(degrees, "degrees")}, standard deviation {sd:.1f} degrees')
         yield 'joint rate', _range(periods['joint_rate'][measured], 'rad/s')
         yield 'ball rate', _range(periods['ball_rate'][measured], 'rad/s')
         yield 'last measured', _ago(fault - periods['time'][measured][-1])

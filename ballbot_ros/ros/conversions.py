@@ -60,7 +60,7 @@ def _joint_value(message: JointState, joint: str, values: Sequence[float], quant
     """Return the entry of a joint; raise `MessageError` if there is not exactly one."""
     if joint not in message.name:
         raise MessageError(
-            f'joint {joint!r} is missing, the message names '
+            f'joint {joint!r} is missing; the joints of the message are '
             f'{list(message.name)!s:.200}', 'unknown_joint', joint)
     if message.name.count(joint) > 1:
         raise MessageError(

@@ -100,7 +100,7 @@ class Observer:
         try:
             return self.node.resolve_topic_name(topic)
         except Exception as error:
-            raise ConfigurationError(f'{topic!r} is not a name of a topic: {reason_of(error)}',
+            raise ConfigurationError(f'{topic!r} is not a valid topic name: {reason_of(error)}',
                                      'wrong_type', 'topic') from error
 
     def type_of(self, topic: str, seconds: float, waiting: Callable[[], None]) -> str:

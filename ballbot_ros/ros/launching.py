@@ -173,7 +173,7 @@ def describe(arguments: Iterable[Argument], start: Callable[[Given], List[Any]]
         *(DeclareLaunchArgument(name, default_value=default, description=text,
                                 **({'choices': choices[0]} if choices else {}))
           for name, default, text, *choices in (*arguments, *SHARED)),
-        LogInfo(msg='The first start compiles, for a minute or two, before the robot moves.'),
+        LogInfo(msg='The first start compiles for one to two minutes before the robot moves.'),
         together(start)])
 
 
