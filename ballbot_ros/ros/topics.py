@@ -74,7 +74,7 @@ TOPICS: Mapping[str, Topic] = MappingProxyType({
     'e_stop': Topic('std_msgs/msg/Bool', LATCHED, LATCHED, 'bridge',
                     'controller, simulator, obstacle_decision, navigator, bridge', 'true while '
                     'the e-stop is engaged; volatile publishers are received, too'),
-    'odom': Topic('nav_msgs/msg/Odometry', STATE, SHORT, 'simulator, bridge, emulated_robot',
+    'odom': Topic('nav_msgs/msg/Odometry', STATE, SHORT, 'simulator, bridge',
                   'obstacle_decision, navigator', 'pose and velocity of `base_link`'),
     'imu': Topic('sensor_msgs/msg/Imu', STATE, SENSOR, 'imu, bridge, emulated_robot', 'bridge',
                  'turn rate and specific force of the shell'),

@@ -7,7 +7,7 @@ from typing import Any, List, Optional
 from rclpy.node import Node
 
 from ballbot_ros.bridge.hardware_file import load_hardware
-from ballbot_ros.config.fields import fixed, flag, live, quantity, text
+from ballbot_ros.config.fields import fixed, live, quantity, text
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.emulator.imu_line import ImuLine
@@ -15,7 +15,7 @@ from ballbot_ros.nodes.bridge.motor import imu_message
 from ballbot_ros.physics import load_scene
 from ballbot_ros.plant import Imu, Sensor, TerrainSensor
 from ballbot_ros.ros.conversions import (
-    ball_state_message, observation_message, odometry_message, terrain_message, to_time)
+    ball_state_message, observation_message, terrain_message, to_time)
 from ballbot_ros.ros.endpoints import create_publisher, create_wall_timer
 from ballbot_ros.ros.frames import frame, frame_prefix, Frames
 from ballbot_ros.ros.parameters import Commit, declare
@@ -24,7 +24,7 @@ from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import file_in, rate_of, Settings
 
 # IMU readings per message of each other topic.
-ODOM_EVERY, OBSERVATION_EVERY, TRUTH_EVERY = 3, 5, 3
+OBSERVATION_EVERY, TRUTH_EVERY = 5, 3
 REACH = 3.0  # range of the step and terrain sensors [m]
 
 
@@ -41,9 +41,6 @@ class EmulatedRobotSettings(Settings):
     scene: str = fixed('the simulation is built from it', file_in('scenes', 'doorstep'))
     link: str = fixed('the device is created at the start', text(
         'symbolic link to the serial device', default='/tmp/ballbot_motor'))
-    publish_odom: bool = fixed('the topic is created at the start', flag(
-        'publish the true odom, at a third of imu_rate, for a bridge whose odom_rate is 0',
-        default=False))
     imu_link: str = fixed('the device is created at the start', text(
         'symbolic link to the serial device of an emulated WitMotion sensor, in place of the '
         'topic imu; empty for the topic', default=''))
@@ -82,7 +79,6 @@ class EmulatedRobot(Node):
         self._camera = TerrainSensor(scene.model.terrain, REACH)
         self._readings = create_publisher(self, 'imu')
         self._imu_line = ImuLine(Path(settings.imu_link)) if settings.imu_link else None
-        self._odometry = create_publisher(self, 'odom') if settings.publish_odom else None
         self._observation = create_publisher(self, 'step_observation')
         self._terrain = create_publisher(self, 'terrain_observation')
         self._truth = create_publisher(self, 'ball_state')
@@ -126,14 +122,11 @@ class EmulatedRobot(Node):
                 self._frames.imu))
         else:
             self._imu_line.measure(*sample[1:])
-        here, course = state._replace(time=now), self._emulator.ball.course
         if self._number % TRUTH_EVERY == 0:
+            course = self._emulator.ball.course
             self._truth.publish(ball_state_message(
-                here, self._emulator.pendulum_torque, self._model, self._frames,
-                course.lateral, course.pose))
-        if self._odometry is not None and self._number % ODOM_EVERY == 0:
-            self._odometry.publish(odometry_message(
-                here, course.pose, course.lateral, self._model.robot.ball_radius, self._frames))
+                state._replace(time=now), self._emulator.pendulum_torque, self._model,
+                self._frames, course.lateral, course.pose))
         if self._number % OBSERVATION_EVERY == 0:
             sight = self._sensor.measure(state.x, self._number // OBSERVATION_EVERY)
             if sight is not None:

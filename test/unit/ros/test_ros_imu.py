@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node imu with an emulated sensor on a pseudo-terminal."""
 from itertools import count
-import math
 import time
 from types import SimpleNamespace
 
@@ -156,13 +155,13 @@ def test_the_bridge_reads_a_sensor_itself_if_its_hardware_file_has_the_port(
         node.make_safe()
 
 
-def test_the_true_odometry_of_an_emulated_robot_that_steers_contains_its_heading(
+def test_the_true_state_of_an_emulated_robot_that_steers_contains_its_pose(
         make_node, tmp_path):
     node, found = make_node(
         EmulatedRobot, scene='flat', hardware='gimball_roboclaw_steering',
-        link=str(tmp_path / 'motor'), publish_odom=True), []
+        link=str(tmp_path / 'motor')), []
     try:
-        ball, node._odometry = node._emulator.ball, SimpleNamespace(publish=found.append)
+        ball, node._truth = node._emulator.ball, SimpleNamespace(publish=found.append)
         ball.lateral = LateralState(heading=0.5)
         ball.course = ball.course._replace(y=1.5)
         wait_until(lambda: ball.course.lateral.heading == 0.5)
@@ -170,9 +169,9 @@ def test_the_true_odometry_of_an_emulated_robot_that_steers_contains_its_heading
         def published():
             node._publish()
             return found
-        pose = wait_until(published)[-1].pose.pose
-        assert pose.position.y == pytest.approx(1.5, abs=0.1)
-        assert pose.orientation.z == pytest.approx(math.sin(0.25))
+        state = wait_until(published)[-1]
+        assert state.position_y == pytest.approx(1.5, abs=0.1)
+        assert state.heading == pytest.approx(0.5)
     finally:
         node.make_safe()
 
