@@ -286,42 +286,43 @@ def run_case(out: Path, case: DemoCase, quiet: bool,
         if not quiet:
             print_event(when, word, sentence)
     timeline = Timeline(passages_of(scene, case.expected), scene.model.robot, report)
-
-    def verdict_on() -> List[str]:
+    figure: Optional[Figure] = None
+    start = announce(out, case.title, quiet)
+    wrong = play(out, timeline)
+    if timeline.states:
         if case.expected is not None:
-            return timeline.verdict()
-        if timeline.states and not quiet:
+            wrong = wrong + timeline.verdict()
+        elif not quiet:
             print('\nResult:')
             for sentence in account(timeline):
                 print(f'  - {sentence}')
-        return []
-
-    def draw() -> Figure:
         states = [(timeline.time_of(state), {name: getattr(state, name) for name in BALL_STATE})
                   for state in timeline.states]
-        return strip(recorded_trajectory(scene.model, states), 'as published on ball_state', marks)
-    return conclude(out, case.title, quiet, timeline, partial(play, out, timeline), verdict_on,
-                    draw, 'crossing.png')
+        figure = strip(
+            recorded_trajectory(scene.model, states), 'as published on ball_state', marks)
+    return conclude(out, quiet, timeline, start, wrong, figure, 'crossing.png')
 
 
-def conclude(out: Path, title: str, quiet: bool, timeline: Timeline,
-             play: Callable[[], List[str]], verdict_on: Callable[[], List[str]],
-             draw: Callable[[], Figure], picture: str) -> int:
-    """
-    Print the timeline of a run, draw its picture, and return the exit code.
-
-    `play` runs the nodes and returns the errors of the run; `verdict_on` returns the deviations of
-    the robot from the expected actions.  `draw` returns the picture of a run with states, which is
-    saved as `picture` in the folder `out`.
-    """
+def announce(out: Path, title: str, quiet: bool) -> float:
+    """Create the folder of a run, print its title, and return the time of its start [s]."""
     out.mkdir(parents=True, exist_ok=True)
-    start = time.monotonic()
     if not quiet:
         print(f'\n{title}\n', flush=True)
-    wrong = play()
-    wrong = wrong + (verdict_on() if timeline.states else ['no state of the ball was received'])
-    if timeline.states:
-        save(draw(), out / picture)
+    return time.monotonic()
+
+
+def conclude(out: Path, quiet: bool, timeline: Timeline, start: float, wrong: List[str],
+             figure: Optional[Figure], picture: str) -> int:
+    """
+    Save the picture of a run, print its result, and return the exit code.
+
+    `wrong` are the errors of the run, and the deviations of the robot from the expected actions.
+    The figure, None for a run without states, is saved as `picture` in the folder `out`.
+    """
+    if figure is None:
+        wrong = [*wrong, 'no state of the ball was received']
+    else:
+        save(figure, out / picture)
     simulated = timeline.now if timeline.states else 0.0
     if wrong or not quiet:
         print(f'\n{"FAILED" if wrong else "Done"}: {simulated:.1f} s of simulated time in '

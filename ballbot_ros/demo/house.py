@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """The demo on a floor: the navigator drives from room to room, over thresholds and a step."""
-from functools import partial
 from itertools import zip_longest
 import math
 from pathlib import Path
@@ -16,7 +15,7 @@ from ballbot_ros.bags.metadata import bag_metadata, SIMULATOR
 from ballbot_ros.control import load_tuning
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.demo.demo import (
-    ANSWERS, check_bag, conclude, CONTROL_RATE, DECISION, fitting_curve, in_processes,
+    announce, ANSWERS, check_bag, conclude, CONTROL_RATE, DECISION, fitting_curve, in_processes,
     lockstep_note, loop_parameters, print_event, ROBOT, STATES, TOOL_TOPICS, TUNING)
 from ballbot_ros.demo.forked import import_nodes
 from ballbot_ros.demo.prepare import prepare
@@ -88,12 +87,14 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
         lambda *_: None) if quiet else print_event)
     arrived: List[Visit] = []
 
-    def play() -> List[str]:
+    def drive() -> int:
         rates = RATES if real_time else LOCKSTEP_RATES
         simulator, controller = loop_parameters(
             {'floor': FLOOR, 'start': ','.join(map(str, START))}, robot, TUNING, PERIOD,
             real_time, watched)
         navigator = {'floor': FLOOR, 'robot': robot, 'control_tuning': TUNING, 'curve': curve}
+        start = announce(out, 'The ball drives from the kitchen to the '
+                         f'{" and the ".join(visit.room for visit in tour)}.', quiet)
         with recorded_graph(
                 out, (*LOCKSTEP_RATES, *OTHER_TOPICS, *TOOL_TOPICS), timeline,
                 {'controller': controller, 'navigator': navigator, 'simulator': simulator},
@@ -104,17 +105,15 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
                 drive_tour(graph.node, timeline, tour, arrived))
             wrong = graph.run((stopped or ended for stopped, ended in both), timeout,
                               longest or DURATION_MAX, tuple(STATES))
-        return wrong + check_bag(graph, rates, quiet)
-
-    def verdict_on() -> List[str]:
-        return [f'the {visit.room} was not reached' for visit in tour[len(arrived):]]
-
-    def draw() -> Figure:
-        return driven_figure(floor, f'{floor.name}: {timeline.now:.0f} s', timeline.plans,
-                             timeline.driven, [visit[1:] for visit in tour], ball.ball_radius)
-    title = f'The ball drives from the kitchen to the {" and the ".join(v.room for v in tour)}.'
-    return max(in_processes([partial(
-        conclude, out, title, quiet, timeline, play, verdict_on, draw, 'house.png')], False))
+        wrong += check_bag(graph, rates, quiet)
+        figure: Optional[Figure] = None
+        if timeline.states:
+            wrong += [f'the {visit.room} was not reached' for visit in tour[len(arrived):]]
+            figure = driven_figure(
+                floor, f'{floor.name}: {timeline.now:.0f} s', timeline.plans, timeline.driven,
+                [visit[1:] for visit in tour], ball.ball_radius)
+        return conclude(out, quiet, timeline, start, wrong, figure, 'house.png')
+    return max(in_processes([drive], False))
 
 
 class HouseTimeline(Timeline):
