@@ -24,7 +24,8 @@ from ballbot_ros.decision.tuning import check_decision
 from ballbot_ros.demo.forked import Forked, import_nodes
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
-from ballbot_ros.demo.recorded_graph import recorded_graph, RecordedGraph, run_simulator
+from ballbot_ros.demo.recorded_graph import (
+    endless_advances, recorded_graph, RecordedGraph, run_simulator)
 from ballbot_ros.demo.timeline import account, Expected, Passage, Timeline
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.figures.film import Mark, strip
@@ -160,8 +161,9 @@ def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: f
                 {'controller': controller, 'obstacle_decision': decision, 'simulator': simulator},
                 metadata, domain) as graph:
             wrong = graph.run(
-                run_simulator(graph.node, graph.bag, TOPICS, CONTROL_RATE,
-                              free_running=real_time or watched), timeout, case.longest, TOPICS)
+                run_simulator(graph.node, graph.bag, TOPICS, None if real_time or watched
+                              else endless_advances(TOPICS, CONTROL_RATE)),
+                timeout, case.longest, TOPICS)
         return wrong + check_bag(
             graph, STATES if real_time else {**STATES, **ANSWERS}, quiet)
 

@@ -20,7 +20,8 @@ from ballbot_ros.demo.demo import (
 from ballbot_ros.demo.forked import import_nodes
 from ballbot_ros.demo.prepare import prepare
 from ballbot_ros.demo.processes import own_domain
-from ballbot_ros.demo.recorded_graph import Actions, recorded_graph, run_simulator
+from ballbot_ros.demo.recorded_graph import (
+    Actions, endless_advances, recorded_graph, run_simulator)
 from ballbot_ros.demo.timeline import Timeline
 from ballbot_ros.figures.route import driven_figure
 from ballbot_ros.floors import Floor, load_floor
@@ -100,8 +101,8 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
                 {'controller': controller, 'navigator': navigator, 'simulator': simulator},
                 bag_metadata(SIMULATOR, simulator), domain) as graph:
             both = zip_longest(
-                run_simulator(graph.node, graph.bag, tuple(rates), CONTROL_RATE,
-                              free_running=real_time or watched),
+                run_simulator(graph.node, graph.bag, rates, None if real_time or watched
+                              else endless_advances(rates, CONTROL_RATE)),
                 drive_tour(graph.node, timeline, tour, arrived))
             wrong = graph.run((stopped or ended for stopped, ended in both), timeout,
                               longest or DURATION_MAX, tuple(STATES))

@@ -9,7 +9,7 @@ import os
 from pathlib import Path
 import time
 from typing import (
-    Any, Deque, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple)
+    Any, Collection, Deque, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple)
 
 import rclpy
 from rclpy.executors import Executor
@@ -38,12 +38,14 @@ LONGEST_DELAY = 5 * 10**9
 RESET_PERIOD = 0.2
 # Time after which a response that has not arrived counts as lost [s].
 LONGEST_ANSWER = 5.0
-# Simulated time of one advance in lockstep [s].
+# Simulated time of an advance in lockstep [s].
 ADVANCE_TIME = 1.0
 
 # A generator for the actions of a run: it yields None while it waits, and the reason if the run
 # cannot continue.
 Actions = Iterator[Optional[str]]
+# A number of control periods, and the last stamp of some topics in them [ns].
+Advance = Tuple[int, Mapping[str, int]]
 
 
 class MessagesInOrder:
@@ -174,19 +176,28 @@ def recording(name: str, out: Path, metadata: Mapping[str, str], domain: int
         rclpy.try_shutdown()
 
 
-def resets_until_recorded(node: Node, bag: BagRecorder, topics: Iterable[str]) -> Actions:
+def run_simulator(node: Node, bag: BagRecorder, topics: Iterable[str],
+                  advances: Optional[Iterable[Advance]]) -> Actions:
     """
-    Reset a paused simulator until the recorder has received every topic.
+    Run a paused simulator no faster than the recorder of some topics can follow.
 
-    Each reset makes the simulator publish its first state, to which the other nodes respond.
-    Counting publishers is not enough: a publisher may not have discovered the recorder yet.
+    At first, the recorder must receive every topic: each reset makes the simulator publish its
+    first state, to which the other nodes respond.  Counting publishers is not enough: a publisher
+    may not have discovered the recorder yet.
+
+    In lockstep, the simulator makes each of the `advances` as soon as all messages of the previous
+    one are recorded.  On a busy machine a recorder would otherwise lag by more messages than the
+    publishers keep.  Without `advances`, for instance in real time, it is not interrupted.
     """
-    reset, wanted = node.create_client(Trigger, 'simulator/reset'), set(topics)
+    reset = node.create_client(Trigger, 'simulator/reset')
+    resume = node.create_client(Trigger, 'simulator/resume')
+    step = node.create_client(Step, 'simulator/step')
+    wanted = set(topics)
 
     def received() -> bool:
         return wanted <= bag.recorded.keys()
 
-    while not reset.service_is_ready():
+    while not all(client.service_is_ready() for client in (reset, resume, step)):
         yield None
     while not received():
         answer, called = reset.call_async(Trigger.Request()), time.monotonic()
@@ -195,31 +206,20 @@ def resets_until_recorded(node: Node, bag: BagRecorder, topics: Iterable[str]) -
                 (waited := time.monotonic() - called) < RESET_PERIOD or (
                     not answer.done() and waited < RESET_PERIOD + LONGEST_ANSWER)):
             yield None
-
-
-def run_simulator(node: Node, bag: BagRecorder, topics: Sequence[str], control_rate: float,
-                  free_running: bool) -> Actions:
-    """
-    Run a paused simulator no faster than the recorder of some topics can follow.
-
-    In lockstep the simulator advances by one second at a time, as soon as all messages of the
-    previous second are recorded.  On a busy machine a recorder would otherwise lag by more
-    messages than the publishers keep.  A `free_running` simulator, in real time for instance, is
-    not interrupted.
-    """
-    resume = node.create_client(Trigger, 'simulator/resume')
-    step = node.create_client(Step, 'simulator/step')
-    while not (resume.service_is_ready() and step.service_is_ready()):
-        yield None
-    yield from resets_until_recorded(node, bag, topics)
-    if free_running:
+    if advances is None:
         resume.call_async(Trigger.Request())
         return
-    for number in itertools.count(1):
-        answer = step.call_async(Step.Request(periods=round(ADVANCE_TIME * control_rate)))
+    for periods, stamps in advances:
+        answer = step.call_async(Step.Request(periods=periods))
         # A response may be lost during service discovery, so the recorded stamps are checked.
-        end = dict.fromkeys(topics, round(1e9 * number * ADVANCE_TIME))
-        while not bag.reached(end):
+        while not bag.reached(stamps):
             if answer.done() and not answer.result().success:
                 yield f'the simulator has stopped: {answer.result().message}'
             yield None
+
+
+def endless_advances(topics: Collection[str], control_rate: float) -> Iterator[Advance]:
+    """Yield advances for topics that have a message at each multiple of `ADVANCE_TIME`."""
+    for number in itertools.count(1):
+        yield (round(ADVANCE_TIME * control_rate),
+               dict.fromkeys(topics, round(1e9 * number * ADVANCE_TIME)))

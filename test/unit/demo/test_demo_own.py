@@ -171,7 +171,7 @@ def test_a_simulation_is_reset_until_it_is_recorded_and_then_advanced(monkeypatc
     actions = recorded_graph.run_simulator(
         SimpleNamespace(create_client=create_client), SimpleNamespace(
             recorded=recorded, reached=lambda stamps: stamps == {'odom': clock.stamp}),
-        ['odom'], 500.0, free_running=False)
+        ['odom'], recorded_graph.endless_advances(['odom'], 500.0))
 
     def calls_in(seconds):
         calls.clear()

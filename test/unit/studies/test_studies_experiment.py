@@ -148,3 +148,16 @@ def test_the_first_difference_is_the_earliest_of_all_topics():
     one = {'/a': {1: 'x', 5: 'y'}, '/b': {3: 'z'}}
     assert first_difference(one, one) is None
     assert first_difference(one, {'/a': {1: 'x', 5: 'n'}, '/b': {}}) == (3, '/b')
+
+
+def test_a_run_advances_by_a_second_at_a_time_and_ends_with_a_message_of_each_topic():
+    lockstep = pytest.importorskip('ballbot_ros.experiments.lockstep')
+    topics = ['joint_states', 'joint_commands', 'odom', 'ball_state']
+    found = list(lockstep.advances_of({'control_rate': 500.0}, topics, 1251))
+    assert [periods for periods, _ in found] == [500, 500, 251]
+    known = {'joint_states', 'odom', 'ball_state'}
+    assert [stamps for _, stamps in found[:2]] == [
+        dict.fromkeys(known, second * 10**9) for second in (1, 2)]
+    assert found[2][1] == {
+        'joint_states': 2_502_000_000, 'joint_commands': 2_502_000_000,
+        'odom': 2_500_000_000, 'ball_state': 2_500_000_000}
