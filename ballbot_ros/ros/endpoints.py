@@ -57,6 +57,14 @@ def create_wall_timer(node: Node, period: float, callback: Callable[[], None]) -
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
+def change_period(timer: Timer, period: float) -> None:
+    """Set the period of a timer [s]; if it differs, the timer restarts now."""
+    nanoseconds = round(1e9 * period)
+    if timer.timer_period_ns != nanoseconds:
+        timer.timer_period_ns = nanoseconds
+        timer.reset()
+
+
 class TopicTimeout:
     """
     Calls a function after a number of seconds of wall time without messages on a topic.

@@ -2,8 +2,6 @@
 """Change the gains of running laws, after a check and without a jump of the torque."""
 from dataclasses import replace
 
-from rclpy.timer import Timer
-
 from ballbot_ros.control import checked_rate, SupervisedController, Supervision
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.ros.parameters import Commit
@@ -27,11 +25,3 @@ def prepare_laws(controller: SupervisedController, robot: Robot, now: LoopNumber
         if wanted.tuning != now.tuning:
             controller.retune(wanted.tuning)
     return commit
-
-
-def change_period(timer: Timer, period: float) -> None:
-    """Set the period of a timer [s]; if it differs, the timer restarts now."""
-    nanoseconds = round(1e9 * period)
-    if timer.timer_period_ns != nanoseconds:
-        timer.timer_period_ns = nanoseconds
-        timer.reset()

@@ -15,10 +15,10 @@ from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import lateral_readings, readings
 from ballbot_ros.ros.endpoints import (
-    create_publisher, create_wall_timer, subscribe_e_stop, wait_until_received)
+    change_period, create_publisher, create_wall_timer, subscribe_e_stop, wait_until_received)
 from ballbot_ros.ros.message_bytes import AnyJointState, command_bytes, subscribe_bytes
 from ballbot_ros.ros.parameters import Commit, declare
-from ballbot_ros.ros.retuning import change_period, prepare_laws
+from ballbot_ros.ros.retuning import prepare_laws
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.set_points import SetPoints
 from ballbot_ros.steering import LateralState, law

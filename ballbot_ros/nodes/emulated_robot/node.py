@@ -16,10 +16,9 @@ from ballbot_ros.physics import load_scene
 from ballbot_ros.plant import Imu, Sensor, TerrainSensor
 from ballbot_ros.ros.conversions import (
     ball_state_message, observation_message, terrain_message, to_time)
-from ballbot_ros.ros.endpoints import create_publisher, create_wall_timer
+from ballbot_ros.ros.endpoints import change_period, create_publisher, create_wall_timer
 from ballbot_ros.ros.frames import frame, frame_prefix, Frames
 from ballbot_ros.ros.parameters import Commit, declare
-from ballbot_ros.ros.retuning import change_period
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.settings import file_in, rate_of, Settings
 

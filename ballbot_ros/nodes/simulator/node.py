@@ -16,10 +16,10 @@ from ballbot_ros.nodes.simulator.simulation_interfaces import serve
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import (
     command_torque, exact, lean_set_point, sec_nanosec, to_seconds, to_time)
-from ballbot_ros.ros.endpoints import create_service, create_trigger, create_wall_timer
+from ballbot_ros.ros.endpoints import (
+    change_period, create_service, create_trigger, create_wall_timer)
 from ballbot_ros.ros.message_bytes import AnyJointState, subscribe_bytes
 from ballbot_ros.ros.parameters import Commit, declare, refuse_sim_time
-from ballbot_ros.ros.retuning import change_period
 from ballbot_ros.ros.run import run
 from ballbot_ros.ros.single_publisher import SinglePublisher
 from ballbot_ros.srv import Step
