@@ -65,15 +65,15 @@ def change_period(timer: Timer, period: float) -> None:
         timer.reset()
 
 
-class TopicTimeout:
+class OdometryTimeout:
     """
-    Calls a function after a number of seconds of wall time without messages on a topic.
+    Calls `end` with the reason after `ODOMETRY_TIMEOUT` of wall time without odometry.
 
     The time of a pause does not count: a paused simulator publishes neither messages nor the time.
     """
 
-    def __init__(self, node: Node, topic: str, limit: int, callback: Callable[[], None]):
-        self._node, self._topic, self.limit, self._callback = node, topic, limit, callback
+    def __init__(self, node: Node, end: Callable[[str], None]):
+        self._node, self._topic, self._end = node, node.resolve_topic_name('odom'), end
         self._seconds, self._time = 0, node.get_clock().now()
         create_wall_timer(node, 1.0, self._count)
 
@@ -84,8 +84,8 @@ class TopicTimeout:
     def _count(self) -> None:
         last, self._time = self._time, self._node.get_clock().now()
         self._seconds += self._time != last or not self._node.count_publishers(self._topic)
-        if self._seconds > self.limit:
-            self._callback()
+        if self._seconds > ODOMETRY_TIMEOUT:
+            self._end(f'no odometry received for {ODOMETRY_TIMEOUT} s')
 
 
 def subscribe_e_stop(node: Node, callback: Callable[[bool], None]) -> None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node ``navigator``: drives to poses on a floor with steps."""
 from dataclasses import replace
+from functools import partial
 import math
 from pathlib import Path
 import time
@@ -30,7 +31,7 @@ from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.ros import diagnostics
 from ballbot_ros.ros.conversions import exact, terrain_observation, to_seconds
 from ballbot_ros.ros.endpoints import (
-    create_subscription, create_trigger, ODOMETRY_TIMEOUT, subscribe_e_stop, TopicTimeout)
+    create_subscription, create_trigger, OdometryTimeout, subscribe_e_stop)
 from ballbot_ros.ros.frames import FRAMES
 from ballbot_ros.ros.lifecycle import FAILURE, ManagedNode, SUCCESS
 from ballbot_ros.ros.parameters import declare
@@ -88,7 +89,7 @@ class NavigatorNode(ManagedNode):
         self.servers = NavigationServers(self)
         self.diagnostics = diagnostics.Diagnostics(
             self, 'navigation', self._health, self._robot.name)
-        self._timeout = TopicTimeout(self, 'odom', ODOMETRY_TIMEOUT, self._end_without_odometry)
+        self._timeout = OdometryTimeout(self, partial(self.abort, 'missing'))
         if self._settings.autostart:
             self.autostart()
 
@@ -153,9 +154,6 @@ class NavigatorNode(ManagedNode):
             self._outputs.rest(self.get_clock().now().to_msg() if self._last is None
                                else self._last.header.stamp)
             self.servers.step()
-
-    def _end_without_odometry(self) -> None:
-        self.abort('missing', f'no odometry received for {ODOMETRY_TIMEOUT} s')
 
     def _on_e_stop(self, engaged: bool) -> None:
         self.e_stop = engaged

@@ -13,7 +13,7 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.nodes.obstacle_decision.standstill import Standstill
 from ballbot_ros.ros.action_server import DeferredActionServer
 from ballbot_ros.ros.conversions import decision_message, to_time
-from ballbot_ros.ros.endpoints import ODOMETRY_TIMEOUT, TopicTimeout
+from ballbot_ros.ros.endpoints import OdometryTimeout
 
 FEEDBACK = 0.1  # period of the feedback [s]
 
@@ -32,7 +32,7 @@ class GoalServers:
         self._cross = DeferredActionServer(
             node, CrossStep, '~/cross_step', self._check_cross,
             lambda handle: self._begin(self._cross, handle))
-        self._timeout = TopicTimeout(node, 'odom', ODOMETRY_TIMEOUT, self._end_without_odometry)
+        self._timeout = OdometryTimeout(node, self.abort)
 
     def _check(self) -> Motion:
         """Return the motion at the start of a goal; raise `RefusedError` if none can start."""
@@ -89,10 +89,6 @@ class GoalServers:
         if self._running is not None:
             self.abort('obstacle_decision was ended')
             self._node.executor.spin_once(timeout_sec=0.1)
-
-    def _end_without_odometry(self) -> None:
-        if self._running is not None:
-            self.abort(f'no odometry received for {ODOMETRY_TIMEOUT} s')
 
     def _finish(self, server: DeferredActionServer, handle: ServerGoalHandle,
                 end: GoalEnd) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Incompatible endpoints are reported with the names of their nodes and the mismatch."""
+"""Incompatible endpoints are reported by node and mismatch, and the end of odometry."""
 from types import SimpleNamespace
 
 from geometry_msgs.msg import Twist
@@ -8,7 +8,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
-from ballbot_ros.ros.endpoints import mismatches
+from ballbot_ros.ros import endpoints
+from ballbot_ros.ros.endpoints import mismatches, ODOMETRY_TIMEOUT, OdometryTimeout
 
 
 @pytest.fixture
@@ -61,3 +62,19 @@ def test_a_second_publisher_of_the_clock_names_the_first(pair, make_node, spinne
     listener = make_node(Node, 'listener')
     listener.create_subscription(Clock, '/clock', print, 1)
     assert not mismatches(listener)
+
+
+def test_a_pause_with_remapped_odometry_does_not_count_as_its_end(monkeypatch):
+    monkeypatch.setattr(endpoints, 'create_wall_timer', lambda *_: None)
+    publishers, ended = {'/arm/odom': 1}, []
+    timeout = OdometryTimeout(SimpleNamespace(
+        resolve_topic_name=lambda topic: f'/arm/{topic}',
+        count_publishers=lambda topic: publishers.get(topic, 0),
+        get_clock=lambda: SimpleNamespace(now=lambda: 5.0)), ended.append)
+    for _ in range(2 * ODOMETRY_TIMEOUT):
+        timeout._count()
+    assert ended == []
+    publishers.clear()
+    for _ in range(ODOMETRY_TIMEOUT + 1):
+        timeout._count()
+    assert ended == [f'no odometry received for {ODOMETRY_TIMEOUT} s']

@@ -14,7 +14,7 @@ from ballbot_ros.msg import StepDecision
 from ballbot_ros.nodes.controller.node import Controller
 from ballbot_ros.nodes.obstacle_decision.node import ObstacleDecision
 from ballbot_ros.nodes.simulator.node import Simulator
-from ballbot_ros.ros import qos
+from ballbot_ros.ros import endpoints, qos
 
 
 class Graph:
@@ -124,9 +124,9 @@ def test_a_canceled_goal_ends_at_rest(start):
     assert result.remaining == pytest.approx(5.0 - result.position, abs=0.02)
 
 
-def test_a_goal_is_lost_without_odometry(start):
+def test_a_goal_is_lost_without_odometry(start, monkeypatch):
     graph = start('flat')
-    graph.decision._goals._timeout.limit = 1
+    monkeypatch.setattr(endpoints, 'ODOMETRY_TIMEOUT', 1)
     handle = graph.send(DriveTo, target=5.0, relative=True)
     pause = graph.node.create_client(Trigger, 'simulator/pause')
     graph.wait(pause.service_is_ready)

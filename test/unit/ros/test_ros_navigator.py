@@ -18,6 +18,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.navigation.execution import NavStatus
 from ballbot_ros.nodes.navigator.goals import ComputePathToPose, NavigateToPose
 from ballbot_ros.nodes.navigator.outputs import stamped_pose
+from ballbot_ros.ros import endpoints
 from ballbot_ros.ros.conversions import to_time
 
 
@@ -140,8 +141,8 @@ def test_shutdown_ends_a_goal_and_further_goals_are_refused(graph):
 
 
 @pytest.mark.parametrize('paused', [False, True])
-def test_a_goal_ends_when_odometry_stops_unless_time_is_paused(graph, paused):
-    graph.node._timeout.limit = 1
+def test_a_goal_ends_when_odometry_stops_unless_time_is_paused(graph, paused, monkeypatch):
+    monkeypatch.setattr(endpoints, 'ODOMETRY_TIMEOUT', 1)
     graph.node.set_parameters([Parameter('use_sim_time', value=paused)])  # nothing publishes it
     result = graph.send(2.6, 1.4).get_result_async()
 
