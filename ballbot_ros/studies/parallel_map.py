@@ -7,6 +7,7 @@ cluster; this process writes the result of each block to a separate file atomica
 """
 from concurrent.futures import Executor, FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
+import fcntl
 from functools import lru_cache
 import hashlib
 from itertools import islice
@@ -23,7 +24,7 @@ from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Set, 
 from ballbot_ros import __version__
 from ballbot_ros.config.optional import load_optional
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.results.files import write_text
+from ballbot_ros.results.files import check_writable, write_text
 from ballbot_ros.studies.progress import Progress
 
 LOG = logging.getLogger(__name__)
@@ -36,22 +37,19 @@ SOURCES = ('control', 'crossing', 'decision', 'floors', 'navigation', 'physics',
 
 def checkpointed_map(function: Callable[..., Any],
                      blocks: Mapping[str, Tuple[int, Tuple[Any, ...]]],
-                     folder: Path, digest: str, pool: Executor, workers: int,
+                     folder: Path, pool: Executor, workers: int,
                      write: Callable[[Any, Path], None], progress: Progress) -> int:
     """
     Call a function for each block whose file is missing, and write the file.
 
     The function is at the top level of a module, so that it can be pickled; `blocks` maps the name
-    of a file in the folder to the number of cases in the block and the arguments of the function,
-    and `digest` covers all other inputs of the results.  `write` is called in this process with a
-    result and the path of its file, which it must replace atomically.  `progress` receives the
-    number of finished cases.
+    of a file in the folder to the number of cases in the block and the arguments of the function.
+    The caller has `claimed` the folder.  `write` is called in this process with a result and the
+    path of its file, which it must replace atomically.  `progress` receives the number of finished
+    cases.
 
-    Returns the number of cases that a previous, interrupted run had finished.  Raises
-    `ConfigurationError` if the folder holds blocks of another run, is damaged, or cannot be
-    written.
+    Returns the number of cases that a previous, interrupted run had finished.
     """
-    _claim(folder, digest)
     missing = {name: block for name, block in blocks.items() if not (folder / name).is_file()}
     found = done = sum(cases for name, (cases, _) in blocks.items() if name not in missing)
     progress(done)
@@ -85,11 +83,12 @@ def checkpointed_rows(function: Callable[..., List[Any]],
                       blocks: Mapping[str, Tuple[int, Tuple[Any, ...]]],
                       folder: Path, digest: str, pool: Executor, workers: int,
                       progress: Progress) -> List[Any]:
-    """Return the rows of all blocks, stored as JSON files; see `checkpointed_map`."""
-    checkpointed_map(function, blocks, folder, digest, pool, workers,
-                     lambda rows, path: write_text(json.dumps(rows), path), progress)
-    return [row for name in blocks
-            for row in json.loads((folder / name).read_text(encoding='utf-8'))]
+    """Return the rows of all blocks, stored as JSON files; see `claimed`, `checkpointed_map`."""
+    with claimed(folder, digest):
+        checkpointed_map(function, blocks, folder, pool, workers,
+                         lambda rows, path: write_text(json.dumps(rows), path), progress)
+        return [row for name in blocks
+                for row in json.loads((folder / name).read_text(encoding='utf-8'))]
 
 
 @lru_cache(maxsize=1)
@@ -103,17 +102,44 @@ def source_digest() -> str:
     return digest.hexdigest()
 
 
-def _claim(folder: Path, digest: str) -> None:
-    """Mark a new folder with the digest, or check that of an existing one."""
-    head = folder / INDEX_FILE
-    if not head.is_file():
-        write_text(json.dumps({'digest': digest}), head)
-        return
+@contextmanager
+def claimed(folder: Path, digest: str) -> Iterator[None]:
+    """
+    Lock a folder of blocks, and mark it with the digest of all inputs of their results.
+
+    The lock ends with the context, or with this process.  Raises `ConfigurationError` if another
+    process has locked the folder, or if the folder holds blocks of another run, is damaged, or
+    cannot be written.
+    """
+    index = folder / INDEX_FILE
+    check_writable(index)
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(index, 'a+', encoding='utf-8') as stream:
+        try:
+            # Unlike those of flock, workers do not inherit this lock.
+            fcntl.lockf(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise ConfigurationError(
+                f'{folder} cannot be locked ({error.strerror}): another run computes its blocks; '
+                'wait for its end, or write elsewhere with --out', 'unavailable',
+                str(folder)) from error
+        stream.seek(0)
+        content = stream.read()
+        if content:
+            _check_digest(content, folder, digest)
+        else:
+            stream.write(json.dumps({'digest': digest}))
+            stream.flush()
+        yield
+
+
+def _check_digest(content: str, folder: Path, digest: str) -> None:
+    """Refuse a folder whose index has another digest."""
     try:
-        known = json.loads(head.read_text(encoding='utf-8'))['digest']
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        known = json.loads(content)['digest']
+    except (ValueError, KeyError, TypeError) as error:
         raise ConfigurationError(
-            f'{head}: damaged; remove {folder} to start again', 'unreadable',
+            f'{folder / INDEX_FILE}: damaged; remove {folder} to start again', 'unreadable',
             str(folder)) from error
     if known != digest:
         raise ConfigurationError(

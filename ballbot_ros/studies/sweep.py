@@ -18,7 +18,7 @@ from ballbot_ros.crossing.max_step_height import ATTEMPT_TOLERANCE, ERROR, FOUND
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.physics.solvers.values import FINISHED
 from ballbot_ros.results.files import load_arrow, replacing
-from ballbot_ros.studies.parallel_map import checkpointed_map
+from ballbot_ros.studies.parallel_map import checkpointed_map, claimed
 from ballbot_ros.studies.progress import ignore, Progress
 from ballbot_ros.studies.sweep_plan import NUMBERS, SweepPlan
 
@@ -94,7 +94,8 @@ def run_sweep(plan: SweepPlan, out: Path, pool: Executor, workers: int,
 
     `block` is the number of cases in a block file; `progress` receives the number of finished
     cases.  Raises `ConfigurationError` if pyarrow is missing, a file cannot be written, `out`
-    exists and is not the result of a sweep, or the folder next to it belongs to another sweep.
+    exists and is not the result of a sweep, or the folder next to it belongs to another sweep or
+    is in use.
     """
     arrow = load_arrow()
     _refuse_foreign(arrow, out)
@@ -108,17 +109,18 @@ def run_sweep(plan: SweepPlan, out: Path, pool: Executor, workers: int,
     def write(table: Dict[str, List[Any]], path: Path) -> None:
         with replacing(path) as stream:
             arrow.parquet.write_table(arrow.table(table, schema=schema), stream)
-    resumed = checkpointed_map(
-        run_block, blocks, folder, plan.digest, pool, workers, write, progress)
-    failed, reason = 0, ''
-    with replacing(out) as stream, arrow.parquet.ParquetWriter(stream, schema) as writer:
-        for name in blocks:
-            part = arrow.parquet.read_table(folder / name)
-            writer.write_table(part)
-            reasons = part['failure'].drop_null()
-            failed += len(reasons)
-            reason = reason or next(map(str, reasons), '')
-    shutil.rmtree(folder)
+    with claimed(folder, plan.digest):
+        resumed = checkpointed_map(
+            run_block, blocks, folder, pool, workers, write, progress)
+        failed, reason = 0, ''
+        with replacing(out) as stream, arrow.parquet.ParquetWriter(stream, schema) as writer:
+            for name in blocks:
+                part = arrow.parquet.read_table(folder / name)
+                writer.write_table(part)
+                reasons = part['failure'].drop_null()
+                failed += len(reasons)
+                reason = reason or next(map(str, reasons), '')
+        shutil.rmtree(folder)
     return Finished(resumed, failed, reason)
 
 

@@ -164,11 +164,11 @@ def test_ctrl_c_keeps_the_blocks_that_the_workers_have_started(tmp_path):
 
     blocks = {str(number): (1, (number,)) for number in range(100)}
     with ThreadPoolExecutor(2) as pool, pytest.raises(KeyboardInterrupt):
-        checkpointed_map(compute, blocks, tmp_path / 'blocks', 'x', pool, 2,
+        checkpointed_map(compute, blocks, tmp_path, pool, 2,
                          lambda number, path: path.write_text(str(number)), press)
-    written = {path.name for path in (tmp_path / 'blocks').glob('[0-9]*')}
+    written = {path.name for path in tmp_path.glob('[0-9]*')}
     assert {'0', '1'} <= written and len(written) < 100
-    assert all((tmp_path / 'blocks' / name).read_text() == name for name in written)
+    assert all((tmp_path / name).read_text() == name for name in written)
 
 
 def test_ctrl_c_is_acknowledged_before_the_started_blocks_end(tmp_path):
@@ -190,13 +190,13 @@ def test_ctrl_c_is_acknowledged_before_the_started_blocks_end(tmp_path):
     log.addHandler(handler)
     try:
         with ThreadPoolExecutor(2) as pool, pytest.raises(KeyboardInterrupt):
-            checkpointed_map(compute, blocks, tmp_path / 'blocks', 'x', pool, 2,
+            checkpointed_map(compute, blocks, tmp_path, pool, 2,
                              lambda number, path: path.write_text(str(number)), press)
     finally:
         log.removeHandler(handler)
-    written = {path.name for path in (tmp_path / 'blocks').glob('[0-9]*')}
+    written = {path.name for path in tmp_path.glob('[0-9]*')}
     assert {'0', '1'} <= written and len(written) < 100
-    assert all((tmp_path / 'blocks' / name).read_text() == name for name in written)
+    assert all((tmp_path / name).read_text() == name for name in written)
 
 
 @pytest.mark.slow
@@ -236,6 +236,26 @@ def test_another_sweep_with_the_same_output_is_refused(tmp_path):
     (blocks / 'blocks.json').write_text('{')
     with refused('unreadable', str(blocks)):
         sweep(plan, out)
+
+
+def test_a_sweep_is_refused_while_another_process_computes_the_same_blocks(tmp_path):
+    out, plan = tmp_path / 'x.parquet', SweepPlan(
+        GIMBALL, fixed={}, grid={'speed': [0.5], 'height': [0.01]})
+    blocks = tmp_path / 'x.parquet.blocks'
+    script = ('from pathlib import Path\n'
+              'import sys\n'
+              'from ballbot_ros.studies.parallel_map import claimed\n'
+              'with claimed(Path(sys.argv[1]), sys.argv[2]):\n'
+              '    print(flush=True)\n'
+              '    sys.stdin.read()\n')
+    with subprocess.Popen([sys.executable, '-c', script, str(blocks), plan.digest],
+                          stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                          cwd=Path(__file__).resolve().parents[3]) as other:
+        other.stdout.readline()
+        with refused('unavailable', str(blocks)):
+            sweep(plan, out)
+        other.communicate()
+    assert sweep(plan, out) == (0, 0, '') and out.exists()
 
 
 def test_only_the_result_of_a_sweep_is_overwritten(tmp_path, capsys):
