@@ -2,9 +2,11 @@
 """The verb ``calibrate-motor``: calibrate the joint between drive and pendulum."""
 import argparse
 from pathlib import Path
+from shlex import quote
 from typing import Any, Mapping
 
 from ballbot_ros.cli.options import add_hardware, add_port
+from ballbot_ros.cli.verb import DONE
 
 REPLY_TIMEOUT = 0.5  # of the handshake [s]
 
@@ -61,8 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
         'connection': {**content['connection'], 'port': hardware.connection.port}},
         found, arguments.hardware)
     print(f'Written: {arguments.out}.  Next: ros2 run ballbot_ros bridge --ros-args -p '
-          f'hardware:={arguments.out.resolve()}')
-    return 0
+          + quote(f'hardware:={arguments.out.resolve()}'))
+    return DONE
 
 
 def write(path: Path, content: Mapping[str, Any], found: Any, base: str) -> None:

@@ -2,6 +2,7 @@
 """The verb ``identify``: estimate parameters of a robot from a recorded run."""
 import argparse
 from pathlib import Path
+import shlex
 from typing import Any, Iterator
 
 from ballbot_ros.cli.options import add_out, add_quiet, warn
@@ -74,11 +75,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def command_of(arguments: argparse.Namespace) -> str:
     """Return the command that draws the figure again, for its caption."""
-    words = ['ballbot identify', arguments.scene, str(arguments.data), '--estimate',
+    words = ['ballbot', 'identify', arguments.scene, str(arguments.data), '--estimate',
              *arguments.estimate]
     if arguments.channels:
         words += ['--channels', *arguments.channels]
-    return ' '.join(words + ['--recorded-torque'] * arguments.recorded_torque)
+    return shlex.join(words + ['--recorded-torque'] * arguments.recorded_torque)
 
 
 def content_of(found: Any) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 """The verb ``outcomes``: logged attempts of a robot, and the parameters learned from them."""
 import argparse
 from pathlib import Path
+from shlex import quote
 from typing import Any, Optional, Sequence
 
 from ballbot_ros.cli import options
@@ -62,8 +63,8 @@ def read(path: Path) -> Sequence[Any]:
     reading = read_outcomes(path)
     if reading.refusal:
         raise ConfigurationError(
-            f'{reading.refusal}; "ballbot outcomes reset {path}" starts a new log and keeps '
-            'this one', 'unreadable', 'FILE')
+            f'{reading.refusal}; "ballbot outcomes reset {quote(str(path))}" starts a new log and '
+            'keeps this one', 'unreadable', 'FILE')
     return reading.outcomes
 
 

@@ -3,6 +3,7 @@
 import argparse
 import math
 from pathlib import Path
+from shlex import quote
 import statistics
 from typing import Any, NamedTuple, Optional
 
@@ -157,9 +158,10 @@ def run_bag(arguments: argparse.Namespace) -> int:
         if verbose:
             print(f'\nWritten to {folder}: {", ".join(files)}')
             if 'scene.yaml' in files:
+                inputs = (quote(str(folder / name)) for name in ('scene.yaml', 'recording.csv'))
                 print('To fit the model to the recording, for instance: ballbot identify '
-                      f'{folder}/scene.yaml {folder}/recording.csv --recorded-torque --estimate '
-                      'joint_friction rolling_friction')
+                      f'{" ".join(inputs)} --recorded-torque --estimate joint_friction '
+                      'rolling_friction')
     return FAILED if found.identical is False else DONE
 
 

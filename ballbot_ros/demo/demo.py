@@ -4,6 +4,7 @@ from functools import partial
 from importlib.util import find_spec
 import os
 from pathlib import Path
+from shlex import quote
 import signal
 import sys
 from tempfile import TemporaryFile
@@ -126,8 +127,8 @@ def fitting_curve(robot: Robot, name: str, curve: Optional[str]) -> str:
         return file.stem
     raise ConfigurationError(
         f'there is no shipped height curve for the robot {name}; the decision needs one: fit '
-        f'it with "ballbot fit-curve --robot {name} --actuation held --out my_curve.yaml", then '
-        f'give --curve my_curve.yaml', 'missing', '--curve')
+        f'it with "ballbot fit-curve --robot {quote(name)} --actuation held --out my_curve.yaml", '
+        'then give --curve my_curve.yaml', 'missing', '--curve')
 
 
 def run_demo(out: Path, real_time: bool = False, quiet: bool = False, timeout: float = 60.0,

@@ -8,6 +8,7 @@ import io
 import json
 from pathlib import Path
 import platform
+from shlex import quote
 import shutil
 from typing import Any, Dict, List, Optional, Tuple
 
@@ -94,7 +95,7 @@ def _run_missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> bo
                for seed in plan.seeds]
     write_text(table(results), folder / TABLE)
     say(f'Written to {folder}: {TABLE}, {VERSIONS}, a folder for each seed with its bag.  To '
-        f'repeat and compare: ballbot run {folder}')
+        f'repeat and compare: ballbot run {quote(str(folder))}')
     return True
 
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 import math
 import os
+import shlex
 import signal
 
 import numpy as np
@@ -347,7 +348,7 @@ def test_a_written_file_is_readable_and_marked_as_measured(calibrated, tmp_path)
     assert hardware.joint.torque_factor == pytest.approx(1.0, rel=0.03)
 
 
-def test_the_written_file_refers_to_the_robot_of_its_base(tmp_path, monkeypatch):
+def test_the_written_file_refers_to_the_robot_of_its_base(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     main(['new', 'robot', 'my_robot.yaml'])
     main(['new', 'hardware', 'base/motor.yaml', '--robot', 'my_robot.yaml'])
@@ -355,5 +356,8 @@ def test_the_written_file_refers_to_the_robot_of_its_base(tmp_path, monkeypatch)
     driver = robot.connect()
     monkeypatch.setattr(drive_line, 'handshake', lambda *_: (driver, driver.identify(), []))
     monkeypatch.setattr(calibrate_motor, 'Console', lambda: Script(robot))
-    assert main(['calibrate-motor', '--hardware', 'base/motor.yaml', '--out', 'motor.yaml']) == 0
-    assert load_robot(load_hardware('motor.yaml').robot).name == 'my_robot'
+    assert main([
+        'calibrate-motor', '--hardware', 'base/motor.yaml', '--out', 'my motor.yaml']) == 0
+    assert load_robot(load_hardware('my motor.yaml').robot).name == 'my_robot'
+    hint = shlex.split(capsys.readouterr().out.rpartition('Next: ')[2])
+    assert hint[-1] == f'hardware:={tmp_path / "my motor.yaml"}'

@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 import re
+import shlex
 
 from figure_words import words_of
 import numpy as np
@@ -107,8 +108,9 @@ def test_every_picture_of_a_document_has_the_command_that_makes_it(page):
 
 
 def test_the_caption_of_residuals_is_the_complete_command():
-    words = ['hall.yaml', 'runs/run.csv', '--estimate', 'joint_friction', 'initial.speed',
+    words = ['hall.yaml', 'my runs/run.csv', '--estimate', 'joint_friction', 'initial.speed',
              '--channels', 'x', '--recorded-torque']
     parser = argparse.ArgumentParser()
     identify.add_arguments(parser)
-    assert identify.command_of(parser.parse_args(words)) == ' '.join(['ballbot identify', *words])
+    assert shlex.split(identify.command_of(parser.parse_args(words))) == [
+        'ballbot', 'identify', *words]

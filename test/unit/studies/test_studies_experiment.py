@@ -2,6 +2,7 @@
 """Experiments: checks of the file, and folders that contain all inputs and repeat the run."""
 import json
 import math
+import shlex
 import shutil
 
 from bag_of_a_run import BagOf
@@ -101,8 +102,10 @@ def fake_runs(monkeypatch, wrong=()):
 @pytest.mark.slow
 def test_a_folder_reproduces_its_numbers(tmp_path, monkeypatch, capsys):
     fake_runs(monkeypatch)
-    out = tmp_path / 'out'
+    out = tmp_path / 'my out'
     assert run_experiment(str(write(tmp_path)), out, False, 60.0)
+    assert shlex.split(capsys.readouterr().out.rpartition('compare: ')[2]) == [
+        'ballbot', 'run', str(out)]
     assert (out / 'results.csv').read_text().startswith('seed [1],x [m],speed [m/s],')
     assert json.loads((out / 'versions.json').read_text())['numpy']
     before = sorted(path.name for path in out.rglob('*'))

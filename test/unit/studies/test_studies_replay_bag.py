@@ -4,6 +4,7 @@ from dataclasses import replace
 import json
 import math
 from pathlib import Path
+import shlex
 import sys
 from types import SimpleNamespace
 
@@ -200,17 +201,17 @@ def record_robot(folder):
 @pytest.mark.slow
 def test_the_differences_of_a_real_robot_are_reported_and_its_recording_can_be_identified(
         tmp_path, capsys):
-    code, out, _ = replayed(capsys, record_robot(tmp_path / 'bag'), '--out', tmp_path / 'out',
+    folder = tmp_path / 'my out'
+    code, out, _ = replayed(capsys, record_robot(tmp_path / 'bag'), '--out', folder,
                             '--format', 'png')
     assert code == 0
     assert 'real robot, 400 states in 0.798 s; the model is gimball on flat' in out
-    assert 'ballbot identify' in out
-    content = json.loads((tmp_path / 'out' / 'replay.json').read_text())
+    content = json.loads((folder / 'replay.json').read_text())
     worst = {item['channel']: item['largest'] for item in content['differences']}
     assert worst['joint_angle'] > 0.01
-    assert main(['identify', str(tmp_path / 'out' / 'scene.yaml'),
-                 str(tmp_path / 'out' / 'recording.csv'), '--recorded-torque', '--estimate',
-                 'joint_friction', '--out', str(tmp_path / 'found'), '--quiet']) == 0
+    hint = shlex.split(out.rpartition('ballbot ')[2])
+    assert hint[:3] == ['identify', str(folder / 'scene.yaml'), str(folder / 'recording.csv')]
+    assert main([*hint[:-1], '--out', str(tmp_path / 'found'), '--quiet']) == 0
     found = json.loads((tmp_path / 'found' / 'identify.json').read_text())
     assert found['estimates'][0]['value'] == pytest.approx(0.1, rel=0.02)
 
