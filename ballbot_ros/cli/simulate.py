@@ -3,6 +3,7 @@
 import argparse
 from importlib.util import find_spec
 from pathlib import Path
+import re
 import shutil
 from time import perf_counter
 from typing import Any, Iterator, Optional
@@ -17,9 +18,9 @@ from ballbot_ros.errors import ConfigurationError
 NUMBERS = ('summary.txt', 'summary.json', 'trajectory.csv', 'trajectory.npz',
            'trajectory.parquet')
 PICTURES = ('strip', 'time_series')
-# Total size of the files of a run, and of its memory.
-BYTES_PER_SAMPLE = 1000
-WARNED_SIZE = 1e9  # [bytes]
+# Per sample of a run: size of its files, and memory with figures, at most [bytes].
+FILE_SIZE, MEMORY_SIZE = 1000, 1500
+WARNED_SIZE = 1e9  # of the files [bytes]
 ALL_FILES = (*NUMBERS, *(f'{name}.{ending}' for name in PICTURES for ending in ('png', 'svg')))
 
 
@@ -123,22 +124,33 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def check_size(scene: Any, folder: Path) -> None:
-    """Warn if the files of a run will be large; refuse those that do not fit on the disk."""
-    samples = scene.run.duration / scene.run.output_step
-    size = BYTES_PER_SAMPLE * samples
-    coarser = scene.run.output_step * 10.0
-    while BYTES_PER_SAMPLE * scene.run.duration / coarser > 0.1 * WARNED_SIZE:
+    """Warn of a large run; refuse one that exceeds the free disk space or memory."""
+    step, coarser = scene.run.output_step, 10.0 * scene.run.output_step
+    while FILE_SIZE * scene.run.duration / coarser > 0.1 * WARNED_SIZE:
         coarser *= 10.0
-    words = (f'this run writes about {1e-9 * size:.2g} GB ({samples:.3g} samples, one every '
-             f'{scene.run.output_step:g} s); --output-step {coarser:g} makes it '
-             f'{1e-9 * BYTES_PER_SAMPLE * scene.run.duration / coarser:.2g} GB')
+    samples, fewer = (scene.run.duration / item for item in (step, coarser))
+    words = (f'this run writes about {1e-9 * FILE_SIZE * samples:.2g} GB and takes up to '
+             f'{1e-9 * MEMORY_SIZE * samples:.2g} GB of memory ({samples:.3g} samples, one every '
+             f'{step:g} s); --output-step {coarser:g} makes it {1e-9 * FILE_SIZE * fewer:.2g} and '
+             f'{1e-9 * MEMORY_SIZE * fewer:.2g} GB')
     place = next(path for path in (folder.absolute(), *folder.absolute().parents)
                  if path.exists())
-    if size > shutil.disk_usage(place).free:
-        raise ConfigurationError(
-            f'{words}; {place} does not have enough space', 'out_of_range', '--output-step')
-    if size > WARNED_SIZE:
+    for size, free, where in (
+            (FILE_SIZE * samples, shutil.disk_usage(place).free, f'in {place}'),
+            (MEMORY_SIZE * samples, available_memory(), 'of memory')):
+        if size > free:
+            raise ConfigurationError(
+                f'{words}; only {1e-9 * free:.2g} GB {where} are available', 'out_of_range',
+                '--output-step')
+    if FILE_SIZE * samples > WARNED_SIZE:
         warn([words])
+
+
+def available_memory() -> int:
+    """Return the memory that is available without swapping [bytes]."""
+    found = re.search(r'MemAvailable: +(\d+) kB', Path('/proc/meminfo').read_text())
+    assert found is not None
+    return 1024 * int(found[1])
 
 
 def animation_asked(arguments: argparse.Namespace, scene: Any, folder: Path) -> Optional[Path]:

@@ -160,11 +160,16 @@ def test_a_held_angle_above_horizontal_causes_a_warning():
 def test_a_run_of_gigabytes_first_warns_and_suggests_a_coarser_step(tmp_path, monkeypatch):
     scene = load_scene('flat')
     long = replace(scene, run=replace(scene.run, duration=86400.0, output_step=0.01))
+    monkeypatch.setattr(simulate, 'available_memory', lambda: 10**11)
     with pytest.warns(UserWarning, match=r'\b8\.6 .*--output-step 1 .*\b0\.086 '):
         simulate.check_size(long, tmp_path / 'new')
     simulate.check_size(scene, tmp_path / 'new')
     assert not list(tmp_path.iterdir())
-    monkeypatch.setattr(simulate.shutil, 'disk_usage',
-                        lambda _: argparse.Namespace(free=10**9))
-    with refused('out_of_range', '--output-step'):
+    monkeypatch.setattr(simulate, 'available_memory', lambda: 10**9)
+    with refused('out_of_range', '--output-step') as memory:
         simulate.check_size(long, tmp_path / 'new')
+    monkeypatch.setattr(simulate.shutil, 'disk_usage',
+                        lambda _: argparse.Namespace(free=10**8))
+    with refused('out_of_range', '--output-step') as disk:
+        simulate.check_size(long, tmp_path / 'new')
+    assert '1 GB of memory' in str(memory.value) and f'0.1 GB in {tmp_path}' in str(disk.value)
