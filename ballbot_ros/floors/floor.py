@@ -217,6 +217,18 @@ class Floor:
         return (self.origin[0], self.origin[0] + columns * self.resolution,
                 self.origin[1], self.origin[1] + rows * self.resolution)
 
+    def has_map_of(self, other: 'Floor') -> bool:
+        """Return whether cells, features and heights equal those of another floor."""
+        def content(floor: 'Floor') -> Tuple[object, ...]:
+            grids: List[Tuple[NDArray[Any], float, Point]] = [
+                (floor.cells, floor.resolution, floor.origin)]
+            if floor.heights is not None:
+                grids.append((floor.heights.values, floor.heights.resolution,
+                              floor.heights.origin))
+            return floor.features, [
+                (values.shape, values.tobytes(), *place) for values, *place in grids]
+        return content(self) == content(other)
+
     def nearest_wall(self, place: Sequence[float]) -> Tuple[float, Point]:
         """Return the distance and the vector to the nearest wall, 0 inside a wall [m]."""
         if not len(self.walls):

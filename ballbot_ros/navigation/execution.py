@@ -20,7 +20,7 @@ from ballbot_ros.decision import Knowledge
 from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.values import REST_SPEED_MAX
 from ballbot_ros.errors import RefusedError
-from ballbot_ros.floors.floor import distance_to_segment, Point
+from ballbot_ros.floors.floor import distance_to_segment, Floor, Point
 from ballbot_ros.floors.profile import crossings_between
 from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.navigation.route import (
@@ -230,7 +230,7 @@ class Navigator:
     """
 
     def __init__(self, planner: RoutePlanner, knowledge: Knowledge):
-        self.planner, self._tuning = planner, knowledge.tuning
+        self.planner, self._knowledge, self._tuning = planner, knowledge, knowledge.tuning
         self._tracker = Tracker(knowledge.robot, knowledge.tuning.cruise_speed)
         self._radius = knowledge.robot.ball_radius
         self._braking = Braking(knowledge.robot, knowledge.tuning, knowledge.control)
@@ -269,12 +269,19 @@ class Navigator:
         return replace(state, status=NavStatus.STOPPING, next=status, reason=reason,
                        message=message)
 
-    def with_planner(self, state: NavigationState, planner: RoutePlanner) -> NavigationState:
-        """Change the map; with an active goal, stop the ball and replan."""
+    def with_floor(self, state: NavigationState, floor: Floor) -> NavigationState:
+        """
+        Change the map; with an active goal, stop the ball and replan.
+
+        An equal map has no effect.  Raises `ConfigurationError` as `RoutePlanner` does; the
+        previous map remains valid.
+        """
+        if floor.has_map_of(self.planner.floor):
+            return state
         # Without places, the numbers of the learned data refer to the previous floor.
-        planner.learn(state.learned.on(self.planner.floor.features))
-        self.planner = planner
-        state = replace(state, learned=planner.learned, replans=0)
+        self.planner = RoutePlanner(
+            floor, self._knowledge, state.learned.on(self.planner.floor.features))
+        state = replace(state, learned=self.planner.learned, replans=0)
         return state if state.status.ended else self._stop(
             state, 'map_replaced', 'the map was replaced')
 

@@ -267,12 +267,12 @@ class NavigatorNode(ManagedNode):
                 f'learned data cannot be kept: {error}', throttle_duration_sec=10.0)
 
     def _reload(self) -> str:
-        """Reload the floor; with an active goal, the ball stops and the route is planned again."""
+        """Reload the floor; if it has changed, the ball stops and replans."""
         if self.navigator is None:
             raise BallbotError('the node is not configured', 'inactive', 'navigator')
-        planner = RoutePlanner(load_floor(self._settings.floor), self._knowledge)
-        self.state = self.navigator.with_planner(self.state, planner)
-        return f'floor {planner.floor.name} read'
+        floor = load_floor(self._settings.floor)
+        self.state = self.navigator.with_floor(self.state, floor)
+        return f'floor {floor.name} read'
 
     def _forget(self) -> str:
         """Delete the learned data of the floor."""

@@ -10,7 +10,7 @@ from tiers import slow
 from ballbot_ros.decision import Knowledge, load_curve, load_decision_tuning
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors import load_floor
-from ballbot_ros.navigation import RoutePlanner
+from ballbot_ros.navigation import execution, RoutePlanner
 from ballbot_ros.navigation.execution import (
     CommandKind, CrossingReport, NavigationState, Navigator, NavStatus, Percept, REPLANS_MAX,
     SEGMENT_TOLERANCE)
@@ -300,7 +300,7 @@ def test_a_new_map_is_used_for_planning_after_a_stop(navigator):
     ball.run(3.0)
     floor = load_floor('apartment')
     floor.cells[floor.cell_of((2.9, 2.2))] = 2
-    ball.state = navigator.with_planner(ball.state, RoutePlanner(floor, KNOWLEDGE))
+    ball.state = navigator.with_floor(ball.state, floor)
     assert ball.state.status is NavStatus.STOPPING
     ball.run(20.0)
     assert (ball.state.status, ball.state.reason) == (NavStatus.FAILED, 'wall') and at_rest(ball)
@@ -316,15 +316,27 @@ def test_a_goal_without_arrival_after_the_last_route_fails_with_a_reason_of_its_
     assert 'the localisation jumped' in ball.state.message and at_rest(ball)
 
 
-def test_repeated_reloads_of_the_map_do_not_end_the_goal(navigator, planner):
+def test_repeated_changes_of_the_map_do_not_end_the_goal(navigator, monkeypatch):
+    monkeypatch.setattr(execution, 'REPLANS_MAX', 1)
+    floor = load_floor('apartment')
     ball = Ball(navigator, *KITCHEN, 1.57)
     ball.begin((2.9, 2.2))
-    for _ in range(REPLANS_MAX + 1):
+    for features in (floor.features[1:], floor.features[2:], floor.features[3:]):
         ball.run(0.2)
-        ball.state = navigator.with_planner(ball.state, planner)
+        ball.state = navigator.with_floor(ball.state, replace(floor, features=features))
+        assert ball.state.status is NavStatus.STOPPING
         ball.run(10.0, until=lambda ball: ball.state.status is not NavStatus.STOPPING)
     ball.run(60.0)
     assert ball.state.status is NavStatus.SUCCEEDED, ball.state.message
+
+
+def test_an_equal_map_does_not_stop_the_ball(navigator, planner):
+    ball = Ball(navigator, *KITCHEN, 1.57)
+    ball.begin((2.9, 2.2))
+    ball.run(1.0)
+    state = ball.state
+    assert navigator.with_floor(state, load_floor('apartment')) is state
+    assert state.status is NavStatus.DRIVING and navigator.planner is planner
 
 
 def test_a_new_map_without_the_first_feature_keeps_the_heights_of_the_others(navigator):
@@ -332,9 +344,8 @@ def test_a_new_map_without_the_first_feature_keeps_the_heights_of_the_others(nav
     state = navigator.begin(NavigationState(
         learned=Learned(heights=((0, 0.02), (2, 0.04)))),
         (2.9, 2.2), Percept(0.0, *KITCHEN, 0.0, 0.0))
-    planner = RoutePlanner(replace(floor, features=floor.features[1:]), KNOWLEDGE)
-    state = navigator.with_planner(state, planner)
-    assert state.learned.heights == planner.learned.heights == ((1, 0.04),)
+    state = navigator.with_floor(state, replace(floor, features=floor.features[1:]))
+    assert state.learned.heights == navigator.planner.learned.heights == ((1, 0.04),)
 
 
 def test_a_ball_without_progress_learns_an_obstacle(navigator):
