@@ -25,8 +25,7 @@ does not depend on the yaw rate and is 0 for a robot that drives straight:
 While the ball accelerates, `step` also needs the derivative of the speed.  The ball moves at
 `speed` along the heading and at `lateral_speed` to the left of it.
 
-At an angle, `height_factor` reduces the maximum step height; the step changes the course by
-`course_change` and, when the law has damped the motion, the heading by `heading_change`:
+At an angle, `height_factor` reduces the maximum step height:
 
     >>> height_factor(0.0), 0.4 < height_factor(0.7) < 0.7, height_factor(1.0)
     (1.0, True, 0.0)
@@ -35,11 +34,9 @@ from ballbot_ros.steering.law import curvature_limit, law, steady_turn, Turn, ya
 from ballbot_ros.steering.model import (
     follow, GroundTrack, lateral_acceleration, lateral_speed, LateralState, pull,
     required_steering, servo_torque, step)
-from ballbot_ros.steering.oblique import (
-    course_change, heading_change, height_factor, load_oblique_steps, ObliqueSteps)
+from ballbot_ros.steering.oblique import height_factor, load_oblique_steps, ObliqueSteps
 
 __all__ = [
-    'course_change', 'curvature_limit', 'follow', 'GroundTrack', 'heading_change',
-    'height_factor', 'lateral_acceleration', 'lateral_speed', 'LateralState', 'law',
-    'load_oblique_steps', 'ObliqueSteps', 'pull', 'required_steering', 'servo_torque',
-    'steady_turn', 'step', 'Turn', 'yaw_rate_limit']
+    'curvature_limit', 'follow', 'GroundTrack', 'height_factor', 'lateral_acceleration',
+    'lateral_speed', 'LateralState', 'law', 'load_oblique_steps', 'ObliqueSteps', 'pull',
+    'required_steering', 'servo_torque', 'steady_turn', 'step', 'Turn', 'yaw_rate_limit']

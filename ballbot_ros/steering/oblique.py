@@ -2,8 +2,8 @@
 """
 Steps at an angle: remaining fraction of the maximum height, and course afterwards.
 
-The functions read the table of GimBall for every robot.  The factor is close to the square of the
-cosine of the angle, as in the planar model if the maximum height grows with the square of the
+`height_factor` reads the table of GimBall for every robot.  The factor is close to the square of
+the cosine of the angle, as in the planar model if the maximum height grows with the square of the
 speed normal to the edge; the changes of course and heading are those of GimBall.
 """
 from dataclasses import dataclass
@@ -88,41 +88,3 @@ def height_factor(angle: float) -> float:
     if not degrees <= table.angles_deg[-1] + 1e-9:
         return 0.0
     return float(np.interp(degrees, table.angles_deg, table.lowest_factor))
-
-
-def course_change(angle: float, share: float) -> tuple[float, float]:
-    """
-    Return the range by which the direction of travel turns away from the normal [rad].
-
-    The heading stays at the edge: the ball moves sideways, with a tilt rate (`lateral_speed`).
-    The angle is that between the path and the normal of the edge, to either side [rad]; the share
-    is the height of the step over the maximum height at this angle; outside the table, its nearest
-    value applies.  Raises `ConfigurationError` beyond the largest angle of the table.
-    """
-    table = load_oblique_steps()
-    return _range(
-        angle, share, (table.lowest_course_change_deg, table.highest_course_change_deg))
-
-
-def heading_change(angle: float, share: float) -> tuple[float, float]:
-    """
-    Return the range by which the heading turns away from the normal [rad]; see `course_change`.
-
-    It holds when the steering law has damped the motion after the crossing.
-    """
-    table = load_oblique_steps()
-    return _range(
-        angle, share, (table.lowest_heading_change_deg, table.highest_heading_change_deg))
-
-
-def _range(angle: float, share: float,
-           ends_by_angle: Sequence[Sequence[Sequence[float]]]) -> tuple[float, float]:
-    table, degrees = load_oblique_steps(), math.degrees(angle)
-    if not abs(degrees) <= table.angles_deg[-1] + 1e-9:
-        raise ConfigurationError(
-            f'angle must be within +-{table.angles_deg[-1]:g} degrees of the normal of the edge, '
-            f'got {degrees:g}', 'out_of_range', 'angle')
-    low, high = (math.radians(float(np.interp(abs(degrees), table.angles_deg, [
-        np.interp(share, table.height_shares, row) for row in rows])))
-        for rows in ends_by_angle)
-    return (low, high) if angle >= 0.0 else (-high, -low)

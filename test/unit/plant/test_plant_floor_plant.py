@@ -14,7 +14,7 @@ from ballbot_ros.floors import Feature, Floor
 from ballbot_ros.floors.floor import OCCUPIED
 from ballbot_ros.physics import load_robot, load_scene, Terrain
 from ballbot_ros.plant import FloorPlant, Plant
-from ballbot_ros.steering import course_change, law, steady_turn, yaw_rate_limit
+from ballbot_ros.steering import law, load_oblique_steps, steady_turn, yaw_rate_limit
 
 ROBOT = load_robot('gimball')
 
@@ -182,9 +182,11 @@ def test_the_course_change_at_an_edge_agrees_with_the_table():
     over = poses[:, 0] > 11.0
     first = np.argmax(over)
     step = poses[first + 40] - poses[first + 20]
-    course = math.atan2(step[1], step[0]) - angle
-    low, high = course_change(angle, 0.5)
-    assert 0.5 * low < course < 1.5 * high
+    course = math.degrees(math.atan2(step[1], step[0]) - angle)
+    table = load_oblique_steps()
+    assert (table.angles_deg[2], table.height_shares[0]) == (30, 0.5)
+    assert 0.5 * table.lowest_course_change_deg[2][0] < course \
+        < 1.5 * table.highest_course_change_deg[2][0]
 
 
 def test_a_robot_without_steering_refuses_to_lean():

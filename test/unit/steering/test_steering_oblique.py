@@ -6,8 +6,7 @@ import pytest
 from refusals import refused
 
 from ballbot_ros.config.files import read_yaml, shipped_folder
-from ballbot_ros.steering import (
-    course_change, heading_change, height_factor, load_oblique_steps, ObliqueSteps)
+from ballbot_ros.steering import height_factor, load_oblique_steps, ObliqueSteps
 
 TABLE = load_oblique_steps()
 CONTENT = read_yaml(shipped_folder('config') / 'oblique' / 'gimball.yaml')
@@ -35,19 +34,7 @@ def test_the_factor_is_close_to_that_of_the_speed_normal_to_the_edge():
 
 @pytest.mark.parametrize('degrees', [46.0, 90.0, 180.0, math.nan])
 def test_beyond_the_table_no_crossing_is_permitted(degrees):
-    if math.isfinite(degrees):
-        assert height_factor(math.radians(degrees)) == 0.0
-    with refused('out_of_range', 'angle'):
-        course_change(math.radians(degrees), 0.5)
-
-
-@pytest.mark.parametrize('change', [course_change, heading_change])
-def test_the_changes_are_antisymmetric_and_grow_with_the_height(change):
-    low, high = change(0.5, 0.8)
-    assert low <= high
-    assert change(-0.5, 0.8) == (-high, -low)
-    assert change(0.5, 0.5)[1] < high
-    assert change(0.0, 0.97) == (0.0, 0.0)
+    assert height_factor(math.radians(degrees)) == 0.0
 
 
 @pytest.mark.parametrize('field, value, reason', [
