@@ -12,9 +12,9 @@ Figures are imported from `ballbot_ros.figures.run`, because matplotlib loads sl
 """
 from ballbot_ros.results.faces import FaceMeeting
 from ballbot_ros.results.files import (
-    read_columns, read_units, write_csv, write_npz, write_parquet, write_text, write_trajectory)
+    read_columns, read_units, write_text, write_trajectory)
 from ballbot_ros.results.summary import report, summarise, Summary
 
 __all__ = [
-    'FaceMeeting', 'read_columns', 'read_units', 'report', 'summarise', 'Summary', 'write_csv',
-    'write_npz', 'write_parquet', 'write_text', 'write_trajectory']
+    'FaceMeeting', 'read_columns', 'read_units', 'report', 'summarise', 'Summary', 'write_text',
+    'write_trajectory']

@@ -89,32 +89,6 @@ def write_json(content: Any, path: PathLike) -> None:
     write_text(json.dumps(content, indent=2, allow_nan=False) + '\n', path)
 
 
-def write_csv(trajectory: Trajectory, path: PathLike) -> None:
-    """
-    Write a trajectory as comma-separated values.
-
-    The first row names the columns with their units, ``x [m]``; each number has enough digits to
-    be read back unchanged.  Raises `ConfigurationError` if the file cannot be written.
-    """
-    write_columns(trajectory.columns, UNITS, path)
-
-
-def write_parquet(trajectory: Trajectory, path: PathLike) -> None:
-    """
-    Write a trajectory as Parquet; each column has its unit in its metadata.
-
-    Raises `ConfigurationError` if pyarrow is not installed, or the file cannot be written.
-    """
-    pyarrow = load_arrow()
-    columns = trajectory.columns
-    table = pyarrow.table(
-        [pyarrow.array(values) for values in columns.values()], schema=pyarrow.schema(
-            [pyarrow.field(name, pyarrow.float64(), metadata={'unit': UNITS[name]})
-             for name in columns]))
-    with replacing(path) as stream:
-        pyarrow.parquet.write_table(table, stream)
-
-
 def load_arrow() -> Any:
     """Return pyarrow with its module parquet; raise `ConfigurationError` if not installed."""
     load_optional('pyarrow.parquet', 'pyarrow', 'pip install pyarrow', 'a Parquet file')
@@ -124,22 +98,48 @@ def load_arrow() -> Any:
 
 def write_trajectory(trajectory: Trajectory, path: PathLike) -> None:
     """
-    Write a trajectory in the format of the file name extension.
+    Write a trajectory in the format of the file name extension, with units and all digits.
 
-    Raises `ConfigurationError` if the extension is unknown, or the file cannot be written.
+    ``.csv``: the first row names the columns with their units, ``x [m]``.  ``.npz``: compressed
+    numpy arrays, one per column, and an array ``units`` with a row of name and unit for each.
+    ``.parquet``: each column has its unit in its metadata.
+
+    Raises `ConfigurationError` if the extension is unknown, pyarrow is not installed (Parquet), or
+    the file cannot be written.
     """
-    writers = {'.csv': write_csv, '.npz': write_npz, '.parquet': write_parquet}
+    writers = {'.csv': _write_csv, '.npz': _write_npz, '.parquet': _write_parquet}
     ending = Path(path).suffix
     if ending not in writers:
         raise ConfigurationError(
             f'{path}: a trajectory is written to a file ending in {", ".join(writers)}, '
             f'got {ending!r}', 'not_a_choice', 'path')
-    writers[ending](trajectory, path)
+    writers[ending](trajectory.columns, path)
+
+
+def _write_csv(columns: Mapping[str, Array], path: PathLike) -> None:
+    write_columns(columns, UNITS, path)
+
+
+def _write_npz(columns: Mapping[str, Array], path: PathLike) -> None:
+    arrays: dict[str, Any] = {
+        'units': np.array([[name, UNITS[name]] for name in columns]), **columns}
+    with replacing(path) as stream:
+        np.savez_compressed(stream, **arrays)
+
+
+def _write_parquet(columns: Mapping[str, Array], path: PathLike) -> None:
+    pyarrow = load_arrow()
+    table = pyarrow.table(
+        [pyarrow.array(values) for values in columns.values()], schema=pyarrow.schema(
+            [pyarrow.field(name, pyarrow.float64(), metadata={'unit': UNITS[name]})
+             for name in columns]))
+    with replacing(path) as stream:
+        pyarrow.parquet.write_table(table, stream)
 
 
 def write_columns(columns: Mapping[str, NDArray[Any]], units: Mapping[str, str],
                   path: PathLike) -> None:
-    """Write columns of equal length, numbers or words, as CSV; see `write_csv`."""
+    """Write columns of equal length, numbers or words, as CSV; see `write_trajectory`."""
     length = len(next(iter(columns.values())))
     with replacing(path) as stream:
         header = ','.join(f'{name} [{units[name]}]' for name in columns)
@@ -151,23 +151,9 @@ def write_columns(columns: Mapping[str, NDArray[Any]], units: Mapping[str, str],
             stream.write(text.encode())
 
 
-def write_npz(trajectory: Trajectory, path: PathLike) -> None:
-    """
-    Write a trajectory as compressed numpy arrays, one per column.
-
-    The array ``units`` has a row of name and unit for each column.  Raises `ConfigurationError` if
-    the file cannot be written.
-    """
-    columns = trajectory.columns
-    arrays: dict[str, Any] = {
-        'units': np.array([[name, UNITS[name]] for name in columns]), **columns}
-    with replacing(path) as stream:
-        np.savez_compressed(stream, **arrays)
-
-
 def read_columns(path: PathLike) -> dict[str, Array]:
     """
-    Return the columns of a file from `write_csv`, `write_npz` or `write_parquet`, by name, in SI.
+    Return the columns of a file from `write_trajectory`, by name, in SI units.
 
     Columns of a trajectory may be in other units, such as ``x [mm]``; see `results.units`.  Raises
     `ConfigurationError` if the file cannot be read or is not of this kind, or the unit of a column

@@ -13,7 +13,7 @@ from ballbot_ros.bags.recorded_run import read_run
 from ballbot_ros.bags.replay import measured_columns
 from ballbot_ros.cli import main
 from ballbot_ros.physics.simulation.scene import read_scene
-from ballbot_ros.results import read_columns, read_units, write_csv
+from ballbot_ros.results import read_columns, read_units, write_trajectory
 from ballbot_ros.studies.identification import identify, present, with_values
 from ballbot_ros.studies.recording import MOST_SAMPLES, Recording, replay
 
@@ -98,7 +98,8 @@ def test_a_recorded_torque_is_replayed():
 
 @pytest.mark.slow
 def test_the_command_reads_a_csv_and_writes_table_and_figure(tmp_path, capsys):
-    write_csv(TRUTH.simulate(), tmp_path / 'run.CSV')
+    write_trajectory(TRUTH.simulate(), tmp_path / 'run.csv')
+    (tmp_path / 'run.csv').rename(tmp_path / 'run.CSV')
     scene = tmp_path / 'mine.yaml'
     scene.write_text('robot: gimball\nrobot_changes: {joint_friction: 0.2}\n'
                      'initial: {pendulum_angle_deg: 60.0}\nduration: 2.0\n')
@@ -136,7 +137,7 @@ def test_noise_free_data_never_exclude_the_true_value():
 def test_the_run_of_another_scene_is_refused_with_an_error(tmp_path, capsys):
     rolling = read_scene({'robot': 'gimball', 'initial': {'speed': 0.8}, 'duration': 2.0,
                           'output_step': 0.02}, 'rolling', 'rolling')
-    write_csv(rolling.simulate(), tmp_path / 'run.csv')
+    write_trajectory(rolling.simulate(), tmp_path / 'run.csv')
     (tmp_path / 'swing.yaml').write_text(
         'robot: gimball\ninitial: {pendulum_angle_deg: 60.0}\nduration: 2.0\n')
     assert main(['identify', str(tmp_path / 'swing.yaml'), str(tmp_path / 'run.csv'),
