@@ -7,6 +7,7 @@ from typing import Optional
 import numpy as np
 
 from ballbot_ros.crossing.rules import is_over
+from ballbot_ros.floors.floor import distance_to_segment
 from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.physics.simulation.trajectory import Trajectory
 from ballbot_ros.results.resolved import resolved
@@ -84,7 +85,8 @@ class FaceWatch:
         if self.result.touch_time is None:
             near = np.flatnonzero((x > self._foot_x - self._radius) & (x < self._top_x)
                                   & (y > self._foot_y))
-            gap = _distance(x[near], y[near], self._vertices) - self._radius
+            gap = np.min([distance_to_segment(x[near], y[near], *part) for part in zip(
+                self._vertices, self._vertices[1:])], axis=0) - self._radius
             touching = near[gap < 0.0]
             if not len(touching):
                 return
@@ -95,14 +97,3 @@ class FaceWatch:
                     piece['velocity_x'][before], piece['velocity_y'][before]))
         over = is_over(x[first:], y[first:], self._top_x, self._top_y, self._radius)
         self.result = replace(self.result, passed=bool(over.any()))
-
-
-def _distance(x: Array, y: Array, vertices: Array) -> Array:
-    """Return the distance of points from a polyline [m]."""
-    nearest = np.full(len(x), np.inf)
-    for (start_x, start_y), (dx, dy) in zip(vertices[:-1], np.diff(vertices, axis=0)):
-        part = ((x - start_x) * dx + (y - start_y) * dy) / (dx * dx + dy * dy)
-        part = np.clip(part, 0.0, 1.0)
-        nearest = np.minimum(
-            nearest, np.hypot(x - start_x - part * dx, y - start_y - part * dy))
-    return nearest
