@@ -31,9 +31,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--sensor', choices=('step', 'terrain', 'camera'),
                         help='use this sensor for all approaches whose terrain it can detect '
                         '(default: all three)')
-    parser.add_argument('--required-probability', type=float, metavar='P',
-                        help='success probability that a crossing requires, instead of '
-                        'the one in the decision tuning')
     options.add_number(parser, '--searched', 'N', count(
         'number of approaches of the first planner for which crossings are searched for with the '
         'true robot', default=200))
@@ -49,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     evaluation = read_evaluation(arguments)
+    from ballbot_ros.decision import nominal_knowledge
     from ballbot_ros.decision.decider import warm_up
     from ballbot_ros.results.files import check_writable
     from ballbot_ros.studies.evaluation.evaluation import run_block, run_evaluation
@@ -60,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
             worker_pool(arguments.workers, arguments.dask) as (pool, workers):
         if arguments.dask is None:
             # Local workers inherit the kernels that this process has loaded.
-            warm_up(evaluation.nominal(), 'rollout')
+            warm_up(nominal_knowledge(), 'rollout')
             run_block(evaluation, evaluation.parts[0][0], 'drawn', 0, 1, False)
         evaluation = with_limits(arguments, evaluation, pool, workers)
         if arguments.only is not None:
@@ -78,21 +76,23 @@ def with_limits(arguments: argparse.Namespace, evaluation: Any, pool: Any,
     if not any(group == 'crossable' and count for _, group, count in evaluation.parts) or (
             arguments.only is not None and arguments.crossable != 1):
         return evaluation
+    from ballbot_ros.decision import nominal_knowledge
     from ballbot_ros.studies.evaluation.search import KNOTS, limits_of_most
     with watched(len(KNOTS), arguments.quiet, 'searching for the limits of most robots:',
                  'run-ups', keeps=False) as progress:
-        nominal = evaluation.nominal()
+        nominal = nominal_knowledge()
         return replace(evaluation, limits=limits_of_most(
             nominal.robot, nominal.control, arguments.out, pool, workers, progress))
 
 
 def print_one(arguments: argparse.Namespace, evaluation: Any) -> None:
     """Print one approach with its decisions, for each planner."""
+    from ballbot_ros.decision import nominal_knowledge
     from ballbot_ros.studies.evaluation.run import run_with_log
     group = 'crossable' if arguments.crossable == 1 else 'drawn'
     approach = evaluation.approach(group, arguments.only)
     for planner in dict.fromkeys(planner for planner, _, _ in evaluation.parts):
-        lines, _ = run_with_log(approach, planner, evaluation.nominal(), arguments.every)
+        lines, _ = run_with_log(approach, planner, nominal_knowledge(), arguments.every)
         print('\n'.join([f'planner {planner}', *lines]))
 
 
@@ -105,9 +105,8 @@ def write(arguments: argparse.Namespace, run_of: Any, rows: Any,
     from ballbot_ros.studies.evaluation.report import report
     counted = report(run_of, rows)
     write_text(json.dumps(counted, indent=1), arguments.out / f'{NAME}.json')
-    values = {name: getattr(arguments, name.replace('-', '_')) for name in (
-        'approaches', 'compared', 'crossable', 'searched', 'seed', 'planners', 'kind', 'sensor',
-        'required-probability')}
+    values = {name: getattr(arguments, name) for name in (
+        'approaches', 'compared', 'crossable', 'searched', 'seed', 'planners', 'kind', 'sensor')}
     command = ' '.join(['ballbot evaluate-decision', *(
         f'--{name} {value}' for name, value in values.items() if value is not None)])
     write_text(page(counted, command), arguments.out / f'{NAME}.md')
@@ -136,4 +135,4 @@ def read_evaluation(arguments: argparse.Namespace) -> Any:
     # The crossable steps come early: they are few.
     parts[1:1] = [(name, 'crossable', arguments.crossable) for name in names]
     return Evaluation(tuple(parts), arguments.seed, arguments.kind, arguments.sensor,
-                      arguments.required_probability, (), arguments.searched)
+                      searched=arguments.searched)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inputs of a planner: constant ones, and those of each decision."""
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 import math
 from typing import List, Optional, Protocol, Tuple
@@ -47,17 +47,11 @@ class Knowledge:
         return self.particles or Particles.of(self.robot, self.tuning.height_bias_sd)
 
 
-@lru_cache(maxsize=4)
-def nominal_knowledge(required_probability: Optional[float] = None) -> Knowledge:
-    """
-    Return the assumptions of the decision: the nominal robot, curve and tunings.
-
-    The required probability, if given, replaces that of the decision tuning.
-    """
-    tuning = load_decision_tuning('decision_default')
-    if required_probability is not None:
-        tuning = replace(tuning, required_probability=required_probability)
-    known = Knowledge(load_robot('gimball'), load_curve('gimball_down'), tuning)
+@lru_cache(maxsize=1)
+def nominal_knowledge() -> Knowledge:
+    """Return the assumptions of the decision: the nominal robot, curve and tunings."""
+    known = Knowledge(load_robot('gimball'), load_curve('gimball_down'),
+                      load_decision_tuning('decision_default'))
     check_decision(known.robot, known.curve, known.tuning)
     return known
 

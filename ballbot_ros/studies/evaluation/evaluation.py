@@ -43,7 +43,6 @@ class Evaluation:
     # Kind of all terrains and sensors, if given; see `terrains.KINDS` and `sensors.KINDS`.
     kind: Optional[str] = None
     sensor: Optional[str] = None
-    required_probability: Optional[float] = None  # instead of that of the decision tuning
     # Run-ups, and heights of the steps that most robots cross with them [m], see
     # `search.limit_of_most`; only needed for the group ``crossable``.
     limits: Tuple[Tuple[float, float], ...] = ()
@@ -60,16 +59,12 @@ class Evaluation:
         """Return a digest of all inputs of the rows, except their numbers."""
         same = {name: value for name, value in asdict(self).items()
                 if name not in ('parts', 'limits', 'searched')}
-        nominal = self.nominal()
+        nominal = nominal_knowledge()
         return digest((source_digest(), nominal.robot.digest, nominal.curve, nominal.tuning,
                        nominal.control, same))
 
-    def nominal(self) -> Knowledge:
-        """Return the assumptions of the decision."""
-        return nominal_knowledge(self.required_probability)
-
     def approach(self, group: str, number: int) -> Approach:
-        nominal = self.nominal()
+        nominal = nominal_knowledge()
         if group == 'crossable':
             return crossable_approach(nominal.robot, self.limits, self.seed, number)
         return draw_approach(nominal, self.seed, number, self.kind, self.sensor)
@@ -82,7 +77,7 @@ def run_block(evaluation: Evaluation, planner: str, group: str, first: int, stop
 
 
 def _run(evaluation: Evaluation, planner: str, group: str, number: int, search: bool) -> Row:
-    nominal = evaluation.nominal()
+    nominal = nominal_knowledge()
     approach = evaluation.approach(group, number)
     try:
         row = run_approach(approach, planner, nominal)

@@ -7,6 +7,7 @@ from typing import Any, Dict, List, Sequence, Tuple
 import numpy as np
 from scipy.special import betaincinv
 
+from ballbot_ros.decision import nominal_knowledge
 from ballbot_ros.studies.evaluation.evaluation import Evaluation, Row
 from ballbot_ros.studies.evaluation.outcome import OUTCOMES
 from ballbot_ros.studies.evaluation.sensors import KINDS as SENSORS
@@ -193,7 +194,7 @@ def planner_figures(rows: Sequence[Row], crossable: Sequence[Row],
 
 def report(evaluation: Evaluation, rows: Sequence[Row]) -> Dict[str, Any]:
     """Return all figures of an evaluation with the rows of `run_evaluation`, as JSON values."""
-    radius = evaluation.nominal().robot.ball_radius
+    radius = nominal_knowledge().robot.ball_radius
     ordered = sorted(rows, key=lambda row: row['number'])
     planners = {}
     for name in dict.fromkeys(planner for planner, _, _ in evaluation.parts):
@@ -202,5 +203,4 @@ def report(evaluation: Evaluation, rows: Sequence[Row]) -> Dict[str, Any]:
             [row for row in own if row['group'] == 'drawn'],
             [row for row in own if row['group'] == 'crossable'], radius)
     return {'seed': evaluation.seed, 'kind': evaluation.kind, 'sensor': evaluation.sensor,
-            'required_probability': evaluation.required_probability,
             'limits': [list(pair) for pair in evaluation.limits], 'planners': planners}

@@ -86,7 +86,7 @@ def test_repeated_plans_decision_changes_and_crossings_are_counted():
 def test_page_summary_and_figure_show_every_planner_and_mark_missed_targets():
     evaluation = SimpleNamespace(
         parts=(('cubic', 'drawn', 2), ('cubic', 'crossable', 1)), seed=0, kind=None, sensor=None,
-        required_probability=None, limits=LIMITS, nominal=lambda: NOMINAL)
+        limits=LIMITS)
     counted = json.loads(json.dumps(report(evaluation, [
         row(0, attempts=[attempt(0.95, True)], possible=True),
         row(1, 'fell', attempts=[attempt(0.95, False)], possible=True),
