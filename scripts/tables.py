@@ -17,6 +17,7 @@ from ballbot_ros.config.fields import allowed, why_fixed
 from ballbot_ros.config.files import yaml_of
 from ballbot_ros.control import ControlTuning
 from ballbot_ros.decision import DecisionTuning
+from ballbot_ros.decision.planning.curve import Band, CurveProvenance, HeightCurve
 from ballbot_ros.drives import CAN, device_class, driver_class, DRIVES, line_of, SERIAL
 from ballbot_ros.drives.can_frames import RECORD_SIZE
 from ballbot_ros.drives.contract import RUNAWAY
@@ -203,12 +204,17 @@ HARDWARE = {
         driver_table, CAN, 'frames out, in', (250000, 500000, 1000000), RECORD_SIZE),
     'faults': faults, 'odrive settings': odrive_settings, 'options': options, 'quirks': quirks}
 ROBOT = {'odometry': OdometryTuning, 'battery': Battery, 'thermal': Thermal}
+CURVE = [
+    file_kinds.Section('', file_kinds.described(HeightCurve, ('made', 'band')), '', {}),
+    file_kinds.Section('made', file_kinds.described(CurveProvenance), 'its conditions', {}),
+    file_kinds.Section('band', file_kinds.described(Band),
+                       'for robots drawn from the parameter ranges', {})]
 FILES = {'robot': partial(file_tables, file_kinds.robot_file('my_robot')),
          'scene': partial(file_tables, file_kinds.scene_file('my_scene')), 'pieces': pieces,
          # The omitted sections have other tables.
          'hardware': partial(file_tables, file_kinds.hardware_file('my_motor'),
                              ('odometry', 'battery', 'thermal', 'drive')),
-         'curve': partial(file_tables, file_kinds.curve_file()),
+         'curve': partial(file_tables, CURVE),
          'experiment': partial(key_table, file_kinds.Section(
              '', file_kinds.described(file_kinds.Experiment), '',
              {'scene': 'doorstep', 'duration': 4.0}))}

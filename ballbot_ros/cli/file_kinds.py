@@ -177,14 +177,6 @@ def floor_file(name: str) -> list[Section]:
     return [Section('', {}, '', {}, FLOOR)]
 
 
-def curve_file() -> list[Section]:
-    """Return the sections of the file of a height curve, which `ballbot fit-curve` writes."""
-    from ballbot_ros.decision.planning.curve import Band, CurveProvenance, HeightCurve
-    return [Section('', described(HeightCurve, ('made', 'band')), '', {}),
-            Section('made', described(CurveProvenance), 'its conditions', {}),
-            Section('band', described(Band), 'for robots drawn from the parameter ranges', {})]
-
-
 # Kind -> the function that returns its sections; `ballbot new` writes these.
 KINDS: Mapping[str, Callable[..., list[Section]]] = {
     'robot': robot_file, 'scene': scene_file, 'hardware': hardware_file,
