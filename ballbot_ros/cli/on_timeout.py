@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
 def heading() -> Iterator[str]:
     """Yield the first two lines of the table, which is also valid Markdown."""
     yield line(('start', 'slope', 'policy', *(f'after {time:g} s' for time in REPORT_TIMES),
-                'largest angle', 'within 5 degrees', 'motor gave'))
+                'largest angle', 'within 5 degrees', 'motor work'))
     yield f'|{"|".join("-" * (width + 2) for width in WIDTHS)}|'
 
 

@@ -290,8 +290,8 @@ class EncoderCheck(NamedTuple):
             raise EstimateLostError(
                 'the joint does not follow its torque: '
                 f'{expected / SMOOTHING:.2f} N m were commanded and '
-                f'{difference / SMOOTHING:.2f} N m are unexplained, so encoder or IMU '
-                'are frozen, reversed or in other units, or the joint is blocked; check both '
+                f'{difference / SMOOTHING:.2f} N m are unexplained, so the encoder or the IMU '
+                'is frozen, reversed or in other units, or the joint is blocked; check both '
                 'sensors, the coupling and `direction` of the hardware file; let the robot come '
                 'to rest', 'joint_torque', 'encoder')
         return self._replace(torque=after)

@@ -12,7 +12,7 @@ from ballbot_ros.results.units import SI
 # Verdict of a channel, and its colour.
 VERDICTS = {
     'good': ('', canvas.BLUE),
-    'correlated': ('CORRELATED: the model leaves something out', canvas.ORANGE),
+    'correlated': ('CORRELATED: the model is incomplete', canvas.ORANGE),
     'poor': ('POOR FIT: the model does not explain this channel', canvas.VERMILION)}
 
 
@@ -63,7 +63,7 @@ def departure_figure(series: Mapping[str, Tuple[Array, Array, Array]], units: Ma
             right.plot(times, model - measured, color=canvas.BLUE, linewidth=1.0)
         axes[0, 0].legend(frameon=False, ncols=2, loc='lower left', bbox_to_anchor=(0.0, 1.0),
                           borderaxespad=0.2, fontsize=8.0)
-        axes[0, 1].set_title('model less measured', fontsize=9.0)
+        axes[0, 1].set_title('model minus measured', fontsize=9.0)
         for panel in axes[-1]:
             panel.set_xlabel('time [s]')
         figure.suptitle(title, fontsize=11.0)

@@ -45,7 +45,7 @@ class SuccessRates:
     """Predicted and observed success rates."""
 
     case: str  # one of `CASES`
-    observed: Array  # (n,): fraction of the attempts that got over, for each step
+    observed: Array  # (n,): fraction of the attempts that crossed, for each step
     before: Array  # (n,): predicted probability
     after: Array
 

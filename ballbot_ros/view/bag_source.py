@@ -120,8 +120,8 @@ class BagSource(MessageSource):
         reading = ('Reading the bag.',) if self._reading else ()
         runs = self.history.epoch + 1
         last = () if runs == 1 else (
-            f'Time restarts {runs - 1} times in this bag, as after ~/reset: '
-            'this is the last run.',)
+            f'This bag contains {runs} runs, because time restarts, as after ~/reset: '
+            'this is the last one.',)
         playing = not self._playback.paused
         return Health(playing, self._playback.speed if playing else None,
                       failure=self._failure, notes=(*self._notes, *last, *reading))

@@ -103,7 +103,7 @@ class LiveSource(MessageSource):
         found['reset'] = Control(None, refusal=simulator)
         law = self._law if self._link.holding else 'free'
         others = ' and '.join(presence.drivers)
-        refusal = (f'{others} publishes set-points; end it first' if others else
+        refusal = (f'set-points are published by {others}, which must end first' if others else
                    '' if presence.followers else 'no node subscribes to set-points')
         found['law'] = Control(law, choices=tuple(LAWS), refusal=refusal)
         found['set_point'] = Control(

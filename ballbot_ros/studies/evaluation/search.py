@@ -50,14 +50,14 @@ MANOEUVRES: Tuple[Manoeuvre, ...] = tuple(
                                        for angle in (1.57, 2.1, 2.6))])
 
 
-def gets_over(loop: ClosedLoop, manoeuvre: Manoeuvre, touch: float, goal: float,
-              level_angle: float, fastest: float = TOUCH_SPEED_MAX) -> bool:
+def manoeuvre_crosses(loop: ClosedLoop, manoeuvre: Manoeuvre, touch: float, goal: float,
+                      level_angle: float, fastest: float = TOUCH_SPEED_MAX) -> bool:
     """
-    Return whether a manoeuvre gets a ball over without a touch faster than permitted [m/s].
+    Return whether a ball crosses with a manoeuvre, without a touch faster than permitted [m/s].
 
-    The loop is at the begin of the run-up; `touch` and `goal` are where the centre is at the first
-    touch, and where the ball is over [m]; at the level angle of the pendulum the ball keeps its
-    speed [rad].
+    The loop is at the start of the run-up; `touch` and `goal` are the positions of the centre at
+    the first touch, and beyond which the ball is over [m]; at the level angle of the pendulum, the
+    ball keeps its speed [rad].
     """
     swing = touch - manoeuvre.lead * manoeuvre.speed if manoeuvre.lead >= 0.0 else math.inf
     script: Script = (
@@ -81,18 +81,18 @@ def gets_over(loop: ClosedLoop, manoeuvre: Manoeuvre, touch: float, goal: float,
 
 
 def best_start(room_behind: float) -> float:
-    """Return where the longest run-up starts, with free ground behind the ball at 0 [m]."""
+    """Return the start of the longest run-up, with free ground behind the ball at 0 [m]."""
     return min(0.0, EDGE_GAP - room_behind)
 
 
 def possible(robot: Robot, ground: Ground, room_behind: float, nominal: Robot,
              gains: ControlTuning) -> bool:
-    """Return whether one of `MANOEUVRES` gets the true robot over, from its best start."""
+    """Return whether the true robot crosses with one of `MANOEUVRES`, from its best start."""
     faces = [face for face in true_faces(ground.terrain) if face[0] > 0.0]
     height = max(faces[0][3], 0.0) if faces else 0.0
     touch = ground.foot - touch_distance(robot.ball_radius, height)
     angle = balanced_angle(robot, ground.slope)
-    return any(gets_over(
+    return any(manoeuvre_crosses(
         ClosedLoop(robot, ground.terrain, nominal, gains, 0.0, angle, best_start(room_behind)),
         manoeuvre, touch, ground.goal + 0.5 * robot.ball_radius, angle)
         for manoeuvre in MANOEUVRES)
@@ -114,7 +114,7 @@ def height_limit(robot: Robot, nominal: Robot, gains: ControlTuning, run_up: flo
         touch = -touch_distance(robot.ball_radius, trial)
         ground = lay('step', Shape('', [(0.0, trial)], 0.5 * robot.ball_radius), 0.0, slope, None,
                      robot.surface_friction)
-        if any(gets_over(
+        if any(manoeuvre_crosses(
                 ClosedLoop(robot, ground.terrain, nominal, gains, 0.0, angle, touch - run_up),
                 manoeuvre, touch, ground.goal, angle, fastest) for manoeuvre in manoeuvres):
             low = trial
@@ -125,7 +125,7 @@ def height_limit(robot: Robot, nominal: Robot, gains: ControlTuning, run_up: flo
 
 
 def set_robots(nominal: Robot) -> List[Robot]:
-    """Return the robots of the limit of most."""
+    """Return the robots of `limit_of_most`."""
     return draw(nominal, ROBOTS, seed=0)
 
 

@@ -144,7 +144,7 @@ def test_a_law_is_held_and_released(source, link):
 
 
 @pytest.mark.parametrize('link, says', [
-    (Link(drivers=('obstacle_decision',)), 'obstacle_decision publishes set-points'),
+    (Link(drivers=('obstacle_decision',)), 'published by obstacle_decision'),
     (Link(followers=0), 'no node subscribes to set-points')])
 def test_the_page_does_not_drive_with_another_publisher_or_without_a_subscriber(link, says):
     with refused('unavailable', 'law') as caught:

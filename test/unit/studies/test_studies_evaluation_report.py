@@ -22,7 +22,7 @@ from ballbot_ros.studies.evaluation.page import page, summary
 from ballbot_ros.studies.evaluation.report import (
     interval, margin_correlation, report, success, targets)
 from ballbot_ros.studies.evaluation.search import (
-    gets_over, height_limit, limit_at, limits_of_most, Manoeuvre)
+    height_limit, limit_at, limits_of_most, Manoeuvre, manoeuvre_crosses)
 
 GIMBALL = load_robot('gimball')
 NOMINAL = nominal_knowledge()
@@ -160,4 +160,4 @@ def test_a_swing_crosses_higher_steps_than_a_hanging_pendulum():
 
 def test_a_manoeuvre_that_touches_too_fast_does_not_cross():
     loop = ClosedLoop(GIMBALL, Terrain.step(0.02, 1.0), GIMBALL, NOMINAL.control, 1.3, 0.0)
-    assert not gets_over(loop, Manoeuvre(1.3, -1.0, 0.0), 0.9, 1.1, 0.0)
+    assert not manoeuvre_crosses(loop, Manoeuvre(1.3, -1.0, 0.0), 0.9, 1.1, 0.0)

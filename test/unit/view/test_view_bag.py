@@ -121,7 +121,7 @@ def test_a_bag_in_which_time_restarts_shows_the_last_run_and_a_note(
         tmp_path, played):
     again = [(topic, message, time + 5.0) for topic, message, time in rolling()]
     source = played(write_bag(tmp_path / 'bag', [*rolling(), *again]))
-    assert any('Time restarts 1 times in this bag' in note for note in source.health.notes)
+    assert any('This bag contains 2 runs' in note for note in source.health.notes)
     assert source.history.span == (0.0, pytest.approx(2.0, abs=0.01))
 
 
