@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from ballbot_ros.cli import options
-from ballbot_ros.cli.options import read_range
+from ballbot_ros.cli.options import read_values
 from ballbot_ros.cli.output import check_new_file, watched, YAML
 from ballbot_ros.cli.verb import DONE
 from ballbot_ros.config.fields import check_value
@@ -39,7 +39,11 @@ def run(arguments: argparse.Namespace) -> int:
     from ballbot_ros.physics.model.uncertainty import uncertain
     from ballbot_ros.results.files import write_text
     from ballbot_ros.studies.curve_fit import curve_text, fit_curve, heights_for, Request
-    speeds = read_range(arguments.speed, '--speed')
+    speeds = read_values(arguments.speed, '--speed')
+    if ':' not in arguments.speed or isinstance(speeds, tuple):
+        raise ConfigurationError(
+            f'--speed must be FIRST:LAST:COUNT, as in 0.2:1.2:21; got {arguments.speed!r}',
+            'wrong_type', '--speed')
     check_value('--speed: COUNT', len(speeds), Request.__dataclass_fields__['points'].metadata, '')
     options.warn_speeds('--speed', speeds)
     if arguments.samples and not uncertain(robot):

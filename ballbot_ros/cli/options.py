@@ -259,25 +259,6 @@ def read_values(word: str, option: str) -> Values:
     return [round(first + (last - first) * place / (count - 1), 12) for place in range(count)]
 
 
-def read_range(word: str, option: str) -> list[float]:
-    """Return the numbers of ``FIRST:LAST:COUNT``; raise `ConfigurationError` for other forms."""
-    values = read_values(word, option)
-    if ':' not in word or isinstance(values, tuple):
-        raise ConfigurationError(
-            f'{option} must be FIRST:LAST:COUNT, as in 0.2:1.2:21; got {word!r}', 'wrong_type',
-            option)
-    return values
-
-
-def read_varied(word: str, option: str) -> tuple[str, Values]:
-    """Return the name and the values of ``name=VALUES``; see `read_values`."""
-    name, equals, values = word.partition('=')
-    if not (name and equals):
-        raise ConfigurationError(f'{option} must be NAME=VALUES, such as speed=0.2:1.2:21; got '
-                                 f'{word!r}', 'wrong_type', option)
-    return name, read_values(values, f'{option} {name}')
-
-
 def _as_count(first: float, last: float, stride: float) -> str:
     """Return a hint of the form with a count for a stride; empty for an implausible count."""
     if not 0.0 < stride <= last - first:

@@ -6,7 +6,7 @@ from time import perf_counter
 from typing import Tuple
 
 from ballbot_ros.cli import options
-from ballbot_ros.cli.options import METAVAR, read_varied, Values, VALUES_HELP
+from ballbot_ros.cli.options import METAVAR, read_values, Values, VALUES_HELP
 from ballbot_ros.cli.output import check_new_file, resumable, watched
 from ballbot_ros.cli.verb import DONE
 from ballbot_ros.errors import ConfigurationError
@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     varied, fixed = {}, {}
     for option, word in [('--vary', word) for word in arguments.vary] + [
             ('--fix', word) for word in arguments.fix]:
-        name, values = given(word, option)
+        name, values = read_varied(word, option)
         if name in varied or name in fixed:
             raise ConfigurationError(
                 f'{option} {name}: given more than once; give all values in one --vary, as in '
@@ -101,13 +101,20 @@ def run(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def given(word: str, option: str) -> Tuple[str, Values]:
-    """Return name and values; raise `ConfigurationError` for the name of an angle in radians."""
+def read_varied(word: str, option: str) -> Tuple[str, Values]:
+    """
+    Return name and values of ``NAME=VALUES``; see `read_values`.
+
+    Raises `ConfigurationError` for another form, and for the name of an angle in radians.
+    """
     from ballbot_ros.studies.sweep_plan import IN_DEGREES, NUMBERS
-    name, values = read_varied(word, option)
+    name, _, values = word.partition('=')
+    if not (name and values):
+        raise ConfigurationError(f'{option} must be NAME=VALUES, such as speed=0.2:1.2:21; got '
+                                 f'{word!r}', 'wrong_type', option)
     if name not in IN_DEGREES and NUMBERS.get(name, {}).get('unit') == 'rad':
         in_degrees = next(key for key, owner in IN_DEGREES.items() if owner == name)
         raise ConfigurationError(
             f'{option} {name}: angles are given in degrees here; write {in_degrees}=...',
             'inconsistent', name)
-    return name, values
+    return name, read_values(values, f'{option} {name}')

@@ -7,7 +7,8 @@ from refusals import refused
 
 from ballbot_ros.cli import main
 from ballbot_ros.cli.max_step_height import COLUMNS
-from ballbot_ros.cli.options import read_numbers, read_values, read_varied
+from ballbot_ros.cli.options import read_numbers, read_values
+from ballbot_ros.cli.sweep import read_varied
 from ballbot_ros.studies.sweep import SEARCHED_COLUMNS
 
 
