@@ -332,7 +332,7 @@ def refuse_missing(parts: Iterable[tuple[Type[Checked], Mapping[str, Any], str]]
         described = {item.name: item for item in fields(cls) if 'kind' in item.metadata}
         with problems.collected():
             refuse_unknown(entries, [item.name for item in fields(cls) if item.metadata], where)
-        # A misspelt key is not reported as missing as well.
+        # A misspelt key is not also reported as missing.
         misspelt = {near for key in entries if key not in described
                     for near in get_close_matches(key, described, 1, 0.6)}
         lacking = {name: item.metadata for name, item in described.items()

@@ -1016,7 +1016,7 @@ class RoutePlanner:
         return passage in self._limits and self._limits[passage].easiest is not None
 
     def _lack(self, passage: _Passage) -> str:
-        """Return what crossing an edge takes and the floor lacks: run-up, room, or both."""
+        """Return what a crossing of an edge requires but the floor lacks: run-up or room."""
         limit, label = self._limits.get(passage), self._described(passage.number)
         easiest = None if limit is None else limit.easiest or next(self._choices(
             passage.number, passage.sign, limit.faces, CROSSING_LENGTH_MAX, CROSSING_LENGTH_MAX),

@@ -146,7 +146,7 @@ class Stage:
         self._scene = server.scene
         self._scene.set_up_direction('+z')
         self._scene.world_axes.visible = False
-        # Shadows cost more than everything else without a graphics card.
+        # Without a graphics card, shadows take most of the time of a frame.
         self._scene.configure_default_lights(cast_shadow=False)
         camera = server.initial_camera
         camera.position, camera.look_at = CAMERAS['side']

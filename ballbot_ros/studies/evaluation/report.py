@@ -120,7 +120,7 @@ def margin_correlation(rows: Sequence[Row]) -> Tuple[int, float]:
 
 
 def missed(rows: Sequence[Row]) -> Dict[str, Any]:
-    """Return how many obstacles the search crosses, and how many of them the planner missed."""
+    """Return the numbers of obstacles that the search crosses and that the planner missed."""
     searched = [row for row in rows if 'possible' in row]
     could = [row for row in searched if row['possible']]
     refused = [row for row in could if row['outcome'] != 'over']
