@@ -80,13 +80,12 @@ class Learned:
                 known.append((x, y))
         return replace(self, obstacles=tuple(known))
 
-    def with_outcome(self, number: int, sign: int, run_up: float, crossed: bool, count: int = 1
-                     ) -> 'Learned':
-        """Return a copy with additional attempts of the same outcome."""
-        kept = {item[:4]: item for item in self.outcomes}
+    def with_outcome(self, number: int, sign: int, run_up: float, crossed: bool) -> 'Learned':
+        """Return a copy with another attempt."""
+        counts = {item[:4]: item[4] for item in self.outcomes}
         key = number, sign, run_up, crossed
-        before = kept[key][4] if key in kept else 0
-        return replace(self, outcomes=tuple({**kept, key: (*key, before + count)}.values()))
+        counts[key] = counts.get(key, 0) + 1
+        return replace(self, outcomes=tuple((*tried, count) for tried, count in counts.items()))
 
     @classmethod
     def read(cls, path: Path) -> 'Learned':
@@ -105,17 +104,13 @@ class Learned:
             content = json.loads(path.read_text(encoding='utf-8'))
             if content['version'] != VERSION:
                 raise ValueError(f'version {content["version"]}')
-            learned = cls(tuple((int(number), float(height)) for number, height in
-                                content['heights']),
-                          tuple((float(x), float(y)) for x, y in content['obstacles']),
-                          places=tuple(
-                              (kind, tuple((float(x), float(y)) for x, y in points),
-                               *map(float, mapped))
-                              for kind, points, *mapped in content.get('places', ())))
-            for number, sign, run_up, crossed, *count in content['outcomes']:
-                learned = learned.with_outcome(int(number), int(sign), float(run_up),
-                                               bool(crossed), int(*count or (1,)))
-            return learned
+            return cls(
+                tuple((int(number), float(height)) for number, height in content['heights']),
+                tuple((float(x), float(y)) for x, y in content['obstacles']),
+                tuple((int(number), int(sign), float(run_up), bool(crossed), int(count))
+                      for number, sign, run_up, crossed, count in content['outcomes']),
+                tuple((kind, tuple((float(x), float(y)) for x, y in points), float(height),
+                       float(width)) for kind, points, height, width in content['places']))
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise ConfigurationError(
                 f'{path}: cannot be read ({error}); remove it to start with the map alone',

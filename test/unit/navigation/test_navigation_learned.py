@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Learned data of a floor: outcomes are counted, and files of earlier versions are read."""
+"""Learned data of a floor: outcomes are counted, and belong to the features of the map."""
 from dataclasses import replace
 import json
 
 import pytest
+from refusals import refused
 
 from ballbot_ros.floors.floor import Feature
 from ballbot_ros.navigation.learned import Learned
@@ -21,11 +22,10 @@ def test_the_number_of_stored_outcomes_does_not_grow_with_the_attempts(tmp_path)
     assert Learned.read(tmp_path / 'learned.json') == learned
 
 
-def test_a_file_with_a_row_for_each_attempt_gives_the_same_probability(tmp_path):
-    path = tmp_path / 'learned.json'
-    path.write_text(json.dumps(
-        {'version': 2, 'heights': [], 'obstacles': [], 'outcomes': ATTEMPTS}))
-    learned = Learned.read(path)
+def test_outcomes_weigh_against_a_prior_of_5_attempts():
+    learned = Learned()
+    for attempt in ATTEMPTS:
+        learned = learned.with_outcome(*attempt)
     # Prior of 5 attempts; successes apply to longer run-ups, failures to shorter ones.
     assert learned.probability(3, 1, 0.5, 0.8) == pytest.approx((5 * 0.8 + 4) / 9)
     assert learned.probability(3, 1, 0.2, 0.8) == pytest.approx((5 * 0.8 + 0) / 7)
@@ -54,11 +54,11 @@ def test_a_corrected_feature_of_the_map_replaces_what_was_learned_of_it(correcte
     assert (after.heights, after.outcomes) == (((1, 0.03),), ())
 
 
-def test_learned_data_of_a_file_without_mapped_heights_are_not_used(tmp_path):
-    cord = Feature(kind='cord', line=[[0.0, 0.5], [1.0, 0.5]], height=0.01)
+def test_a_damaged_file_is_refused(tmp_path):
     path = tmp_path / 'learned.json'
-    path.write_text(json.dumps({
-        'version': 2, 'heights': [(0, 0.03)], 'obstacles': [(0.2, 0.3)], 'outcomes': [],
-        'places': [('cord', [(0.0, 0.5), (1.0, 0.5)])]}))
-    after = Learned.read(path).on([cord])
-    assert (after.heights, after.obstacles) == ((), ((0.2, 0.3),))
+    for content in ('', '{}', json.dumps({'version': 1}), json.dumps({
+            'version': 2, 'heights': [], 'obstacles': [], 'outcomes': [[0, 1, 0.5, True]],
+            'places': []})):
+        path.write_text(content)
+        with refused('unreadable', str(path)):
+            Learned.read(path)
