@@ -18,7 +18,7 @@ from ballbot_ros.physics import Actuation, load_robot
 from ballbot_ros.physics.model.robot import MOTOR, ROBOT
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.model.uncertainty import changed, draw, independent, ranges
-from ballbot_ros.studies.progress import ignore, part_of, Progress, tracked
+from ballbot_ros.studies.progress import counted, ignore, part_of, Progress, tracked
 
 MAP_ACCURACY = 1e-4  # accuracy of heights for a shaded map [m]
 ASSUMED_SHARE = 0.1  # relative change of parameters without a range
@@ -250,7 +250,7 @@ def slope(progress: Progress = ignore) -> Figure:
 def over(progress: Progress = ignore) -> Figure:
     """Show the maximum step height by both criteria of when a ball is over."""
     robot = load_robot('gimball')
-    total, done = 2 * len(RULES) * len(SLOPES_BEHIND), 0
+    report = counted(progress, 2 * len(RULES) * len(SLOPES_BEHIND))
     with canvas.panels(10.0, 4.4) as figure:
         for number, (label, case) in enumerate((('pendulum free', Case(robot)),
                                                 ('held down', holding(robot, 0.0)))):
@@ -262,8 +262,7 @@ def over(progress: Progress = ignore) -> Figure:
                     found = step_heights(case._replace(site=site, rules=rules), SPEEDS)
                     axes.plot(SPEEDS, 1e3 * found, line, color=colour, lw=1.3,
                               label=f'{words}, {rise:g} degrees up behind it')
-                    done += 1
-                    progress(done / total)
+                    report()
             axes.legend(fontsize=8, loc='upper left')
         draw_heading(figure, 'Where a ball is over, GimBall', METHOD)
     return figure
