@@ -4,7 +4,7 @@ from typing import Iterable, Optional
 
 from ballbot_ros.control import Mode, SetPoint
 from ballbot_ros.decision import CrossGoal, Decider, Ending, Knowledge, Motion, Observation
-from ballbot_ros.navigation.execution import Command, CommandKind, CrossingReport
+from ballbot_ros.navigation.execution import Command, CrossingReport
 
 
 class CrossingDriver:
@@ -45,14 +45,14 @@ class CrossingDriver:
         Parameters
         ----------
         command : Command
-            CROSS starts or continues a crossing; any other kind ends it.
+            One that crosses starts or continues a crossing; any other ends it.
         motion : Motion
             Motion along the line of the crossing.
         observations : iterable of Observation
             Terrain observations, used during a crossing.
 
         """
-        if command.kind is not CommandKind.CROSS:
+        if not command.crosses:
             self.end()
             return SetPoint(Mode.SPEED, command.speed, motion.stamp, command.yaw_rate)
         decider = self.decider

@@ -4,7 +4,7 @@ Execution of a route: path following, crossings, replanning, and the stop at the
 
 A `Navigator` stores only data computed from floor and robot: `advance` takes a `NavigationState`
 and a `Percept`, and returns the next state and a `Command`.  The obstacle decision executes
-crossings: while the command is CROSS, the caller applies its set-points, and reports the outcome
+crossings: while the command crosses, the caller applies its set-points, and reports the outcome
 in the percept (see `crossing.CrossingDriver`).
 """
 from contextlib import suppress
@@ -123,35 +123,27 @@ class Percept(NamedTuple):
     crossing: Optional[CrossingReport] = None
 
 
-class CommandKind(str, Enum):
-    """Kind of a command."""
-
-    REST = 'rest'
-    DRIVE = 'drive'
-    CROSS = 'cross'
-
-
 class Command(NamedTuple):
     """
     Command that holds until the next percept.
 
     Attributes
     ----------
-    kind : CommandKind
-        With CROSS, the obstacle decision drives; a change to another kind ends its goal.
     speed : float
-        Speed along the heading, for DRIVE [m/s].
+        Speed along the heading, without effect in a crossing [m/s].
     yaw_rate : float
-        Yaw rate, for DRIVE and CROSS [rad/s].
+        [rad/s]
+    crosses : bool
+        Whether the obstacle decision drives; a change to False ends its goal.
 
     """
 
-    kind: CommandKind
     speed: float = 0.0
     yaw_rate: float = 0.0
+    crosses: bool = False
 
 
-REST = Command(CommandKind.REST)
+REST = Command()
 
 
 @dataclass(frozen=True)
@@ -457,7 +449,7 @@ class Navigator:
             if path.direction > 0 else 0.5 * self._tuning.cruise_speed)
         if max(state.agreeing) > 0:
             speed = 0.0  # until the obstacle is confirmed
-        return state, Command(CommandKind.DRIVE, speed, yaw_rate)
+        return state, Command(speed, yaw_rate)
 
     def _watch(self, state: NavigationState, percept: Percept) -> NavigationState:
         """Check for obstacles on the path, and for steps that are not on the map."""
@@ -583,4 +575,4 @@ class Navigator:
         if percept.speed < 0.0 or to_edge > EDGE_DISTANCE + EDGE_TIME * percept.speed:
             yaw_rate = self._tracker.yaw_rate(path, along, left, percept.heading,
                                               percept.speed)
-        return state, Command(CommandKind.CROSS, 0.0, yaw_rate)
+        return state, Command(0.0, yaw_rate, crosses=True)

@@ -12,7 +12,7 @@ from ballbot_ros.floors import Floor, ranges
 from ballbot_ros.floors.floor import Point
 from ballbot_ros.navigation.crossing import CrossingDriver
 from ballbot_ros.navigation.execution import (
-    Command, CommandKind, NavigationState, Navigator, Percept)
+    NavigationState, Navigator, Percept, REST)
 from ballbot_ros.navigation.sensing import faces_in
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.simulation.solver import Solver
@@ -57,7 +57,7 @@ class FloorLoop:
         self._random = np.random.default_rng([seed, 7])
         self._drift = np.array([errors.place_sd, errors.place_sd, errors.heading_sd]) \
             * self._random.standard_normal(3)
-        self.state, self.command = NavigationState(), Command(CommandKind.REST)
+        self.state, self.command = NavigationState(), REST
         self.ticks = 0
         self.offset = (0.0, 0.0, 0.0)  # of the localisation, set by the caller
 
@@ -75,9 +75,9 @@ class FloorLoop:
 
     def step(self) -> None:
         """Sense, command and advance by one tick."""
-        percept, kind, observations = self.percept, self.command.kind, []
-        observes = self.ticks % OBSERVATION_INTERVAL == 0 and kind is not CommandKind.REST
-        if observes or kind is CommandKind.CROSS:
+        percept, observations = self.percept, []
+        observes = self.ticks % OBSERVATION_INTERVAL == 0 and self.command is not REST
+        if observes or self.command.crosses:
             observation = self._terrain()
             if observation is not None:
                 observations.append(observation)

@@ -12,7 +12,7 @@ from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors import load_floor
 from ballbot_ros.navigation import execution, RoutePlanner
 from ballbot_ros.navigation.execution import (
-    CommandKind, CrossingReport, NavigationState, Navigator, NavStatus, Percept, REPLANS_MAX,
+    CrossingReport, NavigationState, Navigator, NavStatus, Percept, REPLANS_MAX, REST,
     SEGMENT_TOLERANCE)
 from ballbot_ros.navigation.learned import Learned
 from ballbot_ros.navigation.route import CLEARANCE
@@ -62,7 +62,7 @@ class Ball:
     def step(self):
         before = self.state.segment
         self.state, command = self.navigator.advance(self.state, self.percept())
-        if command.kind is CommandKind.CROSS:
+        if command.crosses:
             self.report = self.crosses(before)
             # This change of position within one period is a crossing, not a jump.
             self.state = replace(self.state, last=None)
@@ -264,12 +264,12 @@ def test_repeated_failures_exclude_a_crossing(navigator):
     assert list(run_ups) == sorted(run_ups)
 
 
-@pytest.mark.parametrize('mode', [CommandKind.DRIVE, CommandKind.CROSS])
-def test_a_localisation_jump_stops_the_ball_and_triggers_replanning(navigator, mode):
+@pytest.mark.parametrize('crosses', [False, True])
+def test_a_localisation_jump_stops_the_ball_and_triggers_replanning(navigator, crosses):
     ball = Ball(navigator, *KITCHEN, 1.57)
     ball.crosses = lambda segment: None
     ball.begin(STUDY)
-    ball.run(60.0, until=lambda ball: ball.speed > 0.2 if mode is CommandKind.DRIVE
+    ball.run(60.0, until=lambda ball: ball.speed > 0.2 if not crosses
              else ball.state.status is NavStatus.CROSSING)
     ball.run(0.2)
     ball.state = replace(ball.state, last=ball.percept())
@@ -277,7 +277,7 @@ def test_a_localisation_jump_stops_the_ball_and_triggers_replanning(navigator, m
     ball.step()
     assert ball.state.reason == 'localisation_jump' and ball.state.recoveries == 1
     # A ball at rest before a crossing does not need to stop.
-    assert (ball.state.status is NavStatus.STOPPING) == (mode is CommandKind.DRIVE)
+    assert (ball.state.status is NavStatus.STOPPING) == (not crosses)
     ball.run(10.0, until=lambda ball: ball.state.status is not NavStatus.STOPPING)
     assert ball.state.status is NavStatus.DRIVING and at_rest(ball)
 
@@ -457,7 +457,7 @@ def test_run_up_and_backing_off_are_steered_towards_the_line(navigator, speed):
     ball.heading += 0.1
     _, turns = navigator.advance(
         replace(ball.state, last=None), ball.percept()._replace(speed=speed))
-    assert turns.kind is CommandKind.CROSS and turns.yaw_rate < -0.01
+    assert turns.crosses and turns.yaw_rate < -0.01
 
 
 @pytest.mark.parametrize('aside, turned, reason', [
@@ -526,7 +526,7 @@ def test_a_ball_that_would_have_to_brake_at_a_wall_stops_before_its_deviation_is
     ball.state = replace(ball.state, path=path, along=0.5, anchor=(0.5, 0.0), last=None)
     _, command = navigator.advance(ball.state, ball.percept()._replace(
         x=1.5, y=0.4, heading=turned, speed=0.3))
-    assert (command.kind is CommandKind.REST) is stops
+    assert (command is REST) is stops
 
 
 def step_too_high_on_the_map(tmp_path, height_sd, height=0.053):
