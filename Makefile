@@ -17,7 +17,7 @@ help:
 	@echo 'make fuzz    coverage-guided fuzzing of the serial protocols; some minutes'
 	@echo 'make mutants  mutation tests of one package, with cosmic-ray; ARGS=control'
 	@echo 'make lint    style and types only'
-	@echo 'make setup   prepare .venv for all targets but bench and fuzz'
+	@echo 'make setup   prepare .venv for all targets except bench, fuzz, mutants and test-kilted'
 	@echo 'make clean   remove .venv and everything built'
 
 setup: setup-test

@@ -205,7 +205,7 @@ class Model:
         ------
         SimulationError
             If a number stops being finite, the ball sinks into the ground, the work budget
-            is used up, or (fixed steps) the energy ledger does not close.
+            is used up, or (fixed steps) the energy balance does not close.
 
         """
         solver = self.solver_in_use

@@ -2,7 +2,7 @@
 """
 The integration methods by name, the choice of one, its use from Python, and failed runs.
 
-To add a method, add its file and its line in `METHODS`; see `physics.solvers`.
+`physics.solvers` describes how to add a method.
 """
 from dataclasses import dataclass
 import math
@@ -232,7 +232,7 @@ class OutOfBalance(SimulationError):
 
 
 def out_of_balance(time: float, missing: float, solver: Solver) -> OutOfBalance:
-    """Return the error of a run whose energy ledger does not close."""
+    """Return the error of a run whose energy balance does not close."""
     return OutOfBalance(
         time, f'the energy balance error is {100.0 * missing:.3g} % of the reference energy',
         f'use {solver.finer}{" (solver), the adaptive method," if solver.fixed else ""} or softer '
