@@ -27,21 +27,21 @@ SPEEDS = np.linspace(0.2, 1.2, 21)
 DRIFT = {'coefficients': 2e-5, 'conservative': 5e-5}
 
 CURVES = {
-    'gimball_down': ('GimBall crosses with its pendulum held down', 'gimball',
+    'gimball_down': ('GimBall with its pendulum held down', 'gimball',
                      'pendulum held down by law (11), set angle 0', held_at(0.0)),
-    'gimball_free': ('GimBall crosses with a free pendulum', 'gimball',
+    'gimball_free': ('GimBall with a free pendulum', 'gimball',
                      'pendulum free, motor detached', Actuation()),
     'gimball_horizontal': (
-        'GimBall crosses with its pendulum held level', 'gimball',
+        'GimBall with its pendulum held level', 'gimball',
         'pendulum held level ahead by law (11), set angle 90 degrees', held_at(math.pi / 2)),
-    'shellball_free': ('ShellBall, which has no pendulum, crosses', 'shellball',
+    'shellball_free': ('ShellBall, which has no pendulum', 'shellball',
                        'none, there is no pendulum', Actuation()),
 }
 
 
 def fit(name):
     """Return the content of a curve file."""
-    crossing, robot_name, wording, actuation = CURVES[name]
+    title, robot_name, wording, actuation = CURVES[name]
     robot = load_robot(robot_name)
     total = heights_for(robot, Request())
 
@@ -51,7 +51,7 @@ def fit(name):
     curve = fit_curve(name, robot, actuation, wording, progress=show)
     print(f'\r{name}: {total} heights, largest residual {1e3 * curve.residual:.2f} mm',
           file=sys.stderr)
-    return curve_text(curve, crossing, 'scripts/fit_curves.py')
+    return curve_text(curve, title, 'scripts/fit_curves.py')
 
 
 def differs(old, new):

@@ -21,9 +21,10 @@ from ballbot_ros.studies.free_ball import FreeBall, FreeBallState
 
 FOLDER = Path(__file__).resolve().parent.parent / 'config' / 'oblique'
 HEADER = """\
-# Steps that GimBall meets at an angle: maximum height over that at right angles to the edge, and
-# by how much course and heading turn away from the normal of the edge: the course, which is the
-# direction of travel, behind the edge; the heading after the steering law has damped the motion.
+# Steps at an angle to the path of GimBall: maximum height relative to that at right angles to the
+# edge, and changes of course and heading away from the normal of the edge.  The course is the
+# direction of travel behind the edge; the heading is that after the steering law has damped the
+# motion.
 #
 # Lowest and highest of {count} cases: speeds of {speeds} m/s, each with the pendulum free, held
 # down and held level.  The ranges are those of the cases, with the parameters of the robot file.

@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
                  keeps=False) as progress:
         curve = fit_curve(arguments.out.stem, robot, law, wording, request,
                           options.read_rules(arguments), progress)
-    write_text(curve_text(curve, f'{robot.name} crosses, {wording}', 'ballbot fit-curve'),
+    write_text(curve_text(curve, f'{robot.name}, {wording}', 'ballbot fit-curve'),
                arguments.out)
     if not arguments.quiet:
         print(f'{arguments.out}: largest residual {1e3 * curve.residual:.3f} mm, rms '

@@ -190,7 +190,7 @@ def slope_rows(low: float, high: float) -> Array:
 
 
 HEADER = """\
-How high a step {crossing}, as a cubic of the speed at touch: height = a0 + a1 v + a2 v^2 +
+Maximum step height of {robot}, as a cubic of the collision speed: height = a0 + a1 v + a2 v^2 +
 a3 v^3, in m and m/s.  Valid from lowest_speed to highest_speed only.
 
 The coefficients called conservative are those of a cubic that is nowhere above the simulation.
@@ -199,13 +199,13 @@ BAND = 'The band holds the maximum step heights of robots drawn from the ranges 
     'parameters.\n'
 
 
-def curve_text(curve: HeightCurve, crossing: str, writer: str) -> str:
+def curve_text(curve: HeightCurve, robot: str, writer: str) -> str:
     """
     Return the content of a curve file; `writer` is the program that writes it.
 
-    `crossing` is, for example, ``GimBall crosses with a free pendulum``.
+    `robot` names the robot and its actuation, for example ``GimBall with a free pendulum``.
     """
-    text = HEADER.format(crossing=crossing) + (BAND if curve.band else '') + (
+    text = HEADER.format(robot=robot) + (BAND if curve.band else '') + (
         f'\nWritten by {writer}: re-simulated, the paper prints its cubic in a figure only.')
     comment = '\n#\n'.join('# ' + '\n# '.join(textwrap.wrap(part, 95))
                            for part in text.split('\n\n'))

@@ -17,13 +17,13 @@ PLAIN = HeightCurve('mine', 'gimball', 'free', 'a test', 0.2, 1.2, 0.0,
 @pytest.mark.parametrize('curve', [*map(load_curve, SHIPPED), PLAIN], ids=[*SHIPPED, 'plain'])
 def test_a_written_curve_loads_unchanged(tmp_path, curve):
     path = tmp_path / 'again.yaml'
-    path.write_text(curve_text(curve, 'GimBall crosses', 'a test'))
+    path.write_text(curve_text(curve, 'GimBall', 'a test'))
     assert load_curve(str(path)) == curve
 
 
 @pytest.mark.parametrize('curve', [*map(load_curve, SHIPPED), PLAIN], ids=[*SHIPPED, 'plain'])
 def test_unknown_values_are_left_out_and_a_table_has_a_line_for_each_row(curve):
-    text = curve_text(curve, 'GimBall crosses', 'a test')
+    text = curve_text(curve, 'GimBall', 'a test')
     content = yaml.safe_load(text)
     assert None not in content.values() and [] not in content.values()
     assert set(content) == {'name', 'robot', 'actuation', 'source', 'lowest_speed',
@@ -50,10 +50,10 @@ def test_a_long_text_is_wrapped_and_loads_unchanged(tmp_path):
 
 
 def test_the_comment_at_the_top_describes_the_curve_and_names_its_author():
-    text = curve_text(PLAIN, 'GimBall crosses', 'a test')
+    text = curve_text(PLAIN, 'GimBall', 'a test')
     comment = [line for line in text.splitlines() if line.startswith('#')]
     joined = ' '.join(line.lstrip('# ') for line in comment)
-    assert 'How high a step GimBall crosses' in joined and 'a test' in joined
+    assert 'Maximum step height of GimBall' in joined and 'a test' in joined
     assert text.splitlines()[:len(comment)] == comment, 'the comment must come first'
 
 

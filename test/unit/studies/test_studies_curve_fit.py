@@ -145,7 +145,7 @@ def test_a_written_curve_loads_unchanged(tmp_path, capsys):
     curve = load_curve(str(path))
     assert curve.name == 'mine' and curve.made.law == 'velocity' and curve.band.samples == 2
     again = tmp_path / 'again.yaml'
-    again.write_text(curve_text(curve, 'GimBall crosses', 'a test'))
+    again.write_text(curve_text(curve, 'GimBall', 'a test'))
     assert load_curve(str(again)) == curve
     assert yaml.safe_load(again.read_text()) == yaml.safe_load(path.read_text())
     law = rolling(GIMBALL)
