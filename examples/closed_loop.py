@@ -2,7 +2,7 @@
 """
 Close the loop in one process: robot, camera, decision and controller, without ROS.
 
-The nodes do the same with topics in between.
+The nodes exchange the same data over topics.
 
     python examples/closed_loop.py
 """
@@ -13,7 +13,7 @@ from ballbot_ros.decision import (
 from ballbot_ros.physics import load_scene
 from ballbot_ros.plant import Plant, TerrainSensor
 
-RATE, LOOK_EVERY = 500, 10  # periods per second, periods from one look ahead to the next
+RATE, OBSERVATION_PERIODS = 500, 10  # control periods per second, and between observations
 
 
 def main() -> None:
@@ -25,20 +25,20 @@ def main() -> None:
     plant = Plant(scene, RATE)
     controller = PendulumController(robot, load_tuning('published'))
     camera = TerrainSensor(scene.model.terrain, reach=3.0, height_sd=0.001)
-    decider, said = Decider(Knowledge(robot, curve, tuning), planner='rollout'), ''
+    decider, reason = Decider(Knowledge(robot, curve, tuning), planner='rollout'), None
 
     for period in range(12 * RATE):
         state = plant.state
-        if period % LOOK_EVERY == 0:
-            seen = camera.measure(state.x, state.y, period // LOOK_EVERY)
-            if seen is not None:
+        if period % OBSERVATION_PERIODS == 0:
+            sight = camera.measure(state.x, state.y, period // OBSERVATION_PERIODS)
+            if sight is not None:
                 decider.observe(TerrainObservation(
-                    plant.time, seen.x, seen.z, seen.z_sd, seen.x_min, seen.x_max))
+                    plant.time, sight.x, sight.z, sight.z_sd, sight.x_min, sight.x_max))
             decider.move(Motion(plant.time, state.x, state.velocity_x))
             _, decision, angle = decider.decide()
             controller.give(SetPoint(Mode.HOLD, angle, plant.time))
-            if decision.reason.value != said:
-                said = decision.reason.value
+            if decision.reason is not reason:
+                reason = decision.reason
                 print(f'{plant.time:5.2f} s  {decision.kind.name:8}  {decision.explanation}')
         readings = JointReadings(plant.time, state.ball_angle, state.joint_angle,
                                  state.ball_rate, state.joint_rate)

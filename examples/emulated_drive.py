@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Talk to a motor controller: here one in software, with the ball behind it.
+Send torques to a drive: here an emulated one, which moves the simulated ball.
 
-For a real one, leave the emulator out and give its port: that of a serial line, or a CAN bus.
+For a real drive, omit the emulator and use its port, a serial line or a CAN bus.
 
     python examples/emulated_drive.py [PROTOCOL]
 
@@ -20,7 +20,7 @@ TORQUE, LIMIT = 0.01, 0.05  # at the motor shaft [N m]
 
 
 def main() -> None:
-    """Arm the drive, push for half a second, and stop it."""
+    """Arm the drive, apply a torque for half a second, and stop it."""
     protocol = sys.argv[1] if len(sys.argv) > 1 else 'vesc'
     options = read_options(protocol, {'torque_limit': LIMIT}, 'this example')
     baud = driver_class(protocol).baud_rates[0]

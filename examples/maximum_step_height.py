@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Find the maximum step height by speed and motion of the pendulum.
+Compute the maximum step height by speed and actuation of the pendulum.
 
     python examples/maximum_step_height.py
 """

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """
-Simulate a ball that rolls over a step, say what happened, and draw it.
+Simulate a ball that rolls over a step, print a summary, and draw the run.
 
     python examples/simulate_and_plot.py [FOLDER]
 """
