@@ -43,8 +43,8 @@ VERBS = {
     'engage-e-stop': ('graph:ENGAGE', 'engage the e-stop, which disables motor power'),
     'simulate': ('simulate', 'simulate a scene; write numbers and figures'),
     'view': ('view', 'show a scene, a bag or running nodes in the browser, and drive the robot'),
-    'plan-route': ('plan_route', 'plan a route on a floor with steps; each crossing gets its '
-                   'run-up'),
+    'plan-route': ('plan_route', 'plan a route on a floor with steps, with a run-up for each '
+                   'crossing'),
     'floor-masks': ('plan_route:MASKS', "write masks of a floor for Nav2's costmap filters"),
     'max-step-height': ('max_step_height', 'compute the maximum step height of a robot'),
     'fit-curve': ('fit_curve', 'fit the height curve of a robot for obstacle_decision'),
@@ -58,7 +58,8 @@ VERBS = {
                        'the simulation'),
     'calibrate-motor': ('calibrate_motor', 'measure direction, encoder scale and torque of a real '
                         'motor at low torque; write a hardware file'),
-    'doctor': ('doctor', 'diagnose a motor controller that does not respond'),
+    'doctor': ('doctor', 'check ports, motor controller and ROS settings, with a remedy for each '
+               'problem'),
     'emulate-motor': ('emulate_motor', 'emulate a motor controller and a simulated ball on a '
                       'serial device'),
     'replay': ('replay', 'compare a recorded bag with the model, or show the black box of a '
@@ -66,7 +67,7 @@ VERBS = {
     'on-timeout': ('on_timeout', 'show the motion of the ball on a slope when its commands stop'),
     'figures': ('figures', "draw the paper's figures from new simulations, and additional ones"),
     'scenes': ('listing:SCENES', 'list the scenes that come with the package'),
-    'test-bench': ('test_bench', "roll a virtual robot into steps as in the paper's tests"),
+    'test-bench': ('test_bench', "repeat the paper's step tests with a virtual robot"),
     'outcomes': ('outcomes', 'list, export or reset the logged attempts of a robot, or show the '
                  'parameters learned from them'),
     'new': ('new', 'write a commented template of a file: robot, scene, hardware, experiment, '

@@ -13,7 +13,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     asked = parser.add_mutually_exclusive_group()
     asked.add_argument('names', nargs='*', default=[], metavar='NAME',
                        help='figures to draw (default: all)')
-    asked.add_argument('--list', action='store_true', help='print the names, and draw nothing')
+    asked.add_argument('--list', action='store_true', help='list the names without drawing')
     add_out(parser, 'figures')
     add_format(parser)
     add_quiet(parser)

@@ -38,8 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('file', type=Path, metavar='FILE.yaml',
                         help='file to write; its name without the extension becomes the name')
     parser.add_argument('--robot', metavar='NAME', help='name or file of the robot of a '
-                        'scene or hardware file, or whose parameters a robot file gets (default: '
-                        'gimball)')
+                        'scene or hardware file, or of the robot whose parameters are copied into '
+                        'a robot file (default: gimball)')
     parser.add_argument('--scene', metavar='NAME',
                         help='name or file of the scene of an experiment (default: doorstep)')
     parser.add_argument('--protocol', metavar='NAME', help='protocol of the drive of a '

@@ -25,13 +25,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'converts it')
     options.add_overwrite(parser, file=True)
     parser.add_argument('--vary', action='append', required=True, metavar=f'NAME={METAVAR}',
-                        help=f'a parameter to vary, in SI units except angles: {VALUES_HELP}; '
+                        help=f'parameter to vary, in SI units except angles: {VALUES_HELP}; '
                         'LOW:HIGH for sobol and random.  NAME is speed, height, a field of the '
                         'robot, motor.*, slope_before_deg and other parameters of the ground, '
                         'set_angle_deg, voltage, ...; without height, the maximum step '
                         'height is searched')
     parser.add_argument('--fix', action='append', default=[], metavar='NAME=VALUE',
-                        help='a parameter of --vary, with one value; may be repeated')
+                        help='parameter with a constant value, named as in --vary; may be '
+                        'repeated')
     parser.add_argument('--design', choices=('grid', 'sobol', 'random'), default='grid',
                         help='all combinations, or --cases points of a Sobol sequence or of '
                         'random draws (default: %(default)s)')

@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(parser, '--port', 'PORT', count(
         'port to listen on (default: the first free one from 8080 on)', default=None,
         maximum=65535))
-    parser.add_argument('--no-browser', action='store_true', help='open no browser')
+    parser.add_argument('--no-browser', action='store_true', help='do not open a browser')
     add_number(parser, '--duration', 'SECONDS', quantity(
         's', 'end after this time (default: at Ctrl-C)', above=0.0, optional=True))
     add_quiet(parser)
