@@ -103,7 +103,7 @@ class Timeline:
             if index > self._seen and math.isfinite(message.distance):
                 self._seen = index
                 self._report(
-                    time, 'sees', f'a {"step" if message.height > 0.0 else "drop"} of '
+                    time, 'detects', f'a {"step" if message.height > 0.0 else "drop"} of '
                     f'{1e3 * abs(message.height):.0f} mm, {message.distance:.2f} m ahead of its '
                     'centre')
             if message.decision not in self.passages[index].decided \

@@ -85,7 +85,7 @@ def test_from_an_empty_kernel_cache_both_scenes_succeed_and_all_topics_are_recor
     printed = process.communicate(timeout=2.0 * TIMEOUT)[0]
     assert process.returncode == 0, printed
     assert list((tmp_path / 'cache' / 'ballbot_ros').rglob('*.nbi'))
-    order = ['sees  a step of 31 mm', 'CROSS', 'swing', 'over with', 'touches  the 31 mm step',
+    order = ['detects  a step of 31 mm', 'CROSS', 'swing', 'over with', 'touches  the 31 mm step',
              'the plan crosses', 'crossed', 'GO ROUND', '80 mm at', 'rests',
              'before the 80 mm step', 'Done:', 'STOP', 'rests',
              'before the 100 mm drop', 'Done:']

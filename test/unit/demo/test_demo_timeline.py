@@ -68,12 +68,13 @@ def test_a_stop_without_a_step_does_not_count_as_seen(timeline):
     stop.height = stop.distance = float('nan')
     timeline.add_decision(stop)
     timeline.add_decision(decided(2.1, CROSS, 0.08))
-    assert marks(timeline)[-3:] == ['GO ROUND', 'sees', 'CROSS']
+    assert marks(timeline)[-3:] == ['GO ROUND', 'detects', 'CROSS']
 
 
 def test_a_successful_run_is_reported_without_errors(timeline):
     play(timeline)
-    assert marks(timeline) == ['sees', 'CROSS', 'touches', 'crossed', 'sees', 'GO ROUND', 'rests']
+    assert marks(timeline) == [
+        'detects', 'CROSS', 'touches', 'crossed', 'detects', 'GO ROUND', 'rests']
     sentences = {mark: sentence for _, mark, sentence in timeline.events}
     assert sentences['touches'] == 'the 31 mm step at 0.90 m/s; the plan crosses up to 45 mm'
     assert sentences['rests'] == '0.30 m before the 80 mm step'
@@ -132,7 +133,7 @@ def test_only_a_change_of_decision_is_reported(timeline):
     for number in range(50):
         timeline.add_decision(decided(0.02 * number, CROSS, explanation=f'look {number}'))
     timeline.add_decision(decided(1.0, COMMITTED))
-    assert marks(timeline) == ['sees', 'CROSS', 'CROSS']
+    assert marks(timeline) == ['detects', 'CROSS', 'CROSS']
     assert timeline.events[-1][2] == 'too late to stop: because'
 
 
@@ -164,7 +165,8 @@ def test_times_count_from_the_first_state(timeline):
     timeline.add_state(ball(1000.0, 0.0))
     assert timeline.now == 0.0
     timeline.add_decision(decided(1000.5, CROSS))
-    assert [(time, mark) for time, mark, _ in timeline.events] == [(0.5, 'sees'), (0.5, 'CROSS')]
+    assert [(time, mark) for time, mark, _ in timeline.events] == [
+        (0.5, 'detects'), (0.5, 'CROSS')]
 
 
 def test_a_stop_before_a_drop_is_a_success_and_a_fall_is_not(gimball):
