@@ -71,8 +71,8 @@ def targets(rows: Sequence[Row], crossable: Sequence[Row]) -> List[Dict[str, Any
     for kind in ('step_down', 'trench'):
         one = missed([row for row in rows if row['kind'] == kind])
         lines.append(target(
-            f'{kind} with observed or granted floor behind it: crossings relative to the search '
-            'with the true robot', '80 %',
+            f'{kind} with observed or guaranteed floor behind it: crossings relative to the '
+            'search with the true robot', '80 %',
             f'{one["crossed"]} of {one["possible"]}',
             one['crossed'] >= SEARCH_PART * one['possible'] if one['possible'] else None))
     again = sum(one['same'] for row in every for one in row['attempts'])
