@@ -43,9 +43,9 @@ def main():
     for given, parts, option in ((arguments.scenes, BY_SCENE, '--scenes'),
                                  (arguments.write, WRITING, '--write')):
         if given and arguments.only not in parts:
-            parser.error(f'{option} goes with --only and one of {", ".join(parts)}')
+            parser.error(f'{option} requires --only with one of {", ".join(parts)}')
     if arguments.scenes and arguments.write:
-        parser.error('--write wants all scenes: leave out --scenes')
+        parser.error('--write requires all scenes: leave out --scenes')
     here = Path(__file__).resolve().parent
     sys.path[:0] = [str(here), str(here.parent / 'test' / 'oracles')]
     load = os.getloadavg()[0]
