@@ -102,7 +102,7 @@ TOPICS: Mapping[str, Topic] = MappingProxyType({
                            'battery of the robot'),
     'markers': Topic('visualization_msgs/msg/MarkerArray', SHORT, SHORT,
                      'simulator, obstacle_decision, navigator', '', 'see [markers]'
-                     '(#pictures-in-other-programs)')})
+                     '(#visualisation)')})
 
 
 def message_class(kind: str) -> Any:

@@ -33,7 +33,7 @@ INCREMENTS = [0.05 * bit for bit in range(1, 11)]
 
 def items():
     """Return the list of the page, each item as one line."""
-    text = PAGE.read_text(encoding='utf-8').split('## Wheels up')[1].split('\n## ')[0]
+    text = PAGE.read_text(encoding='utf-8').split('## Checklist')[1].split('\n## ')[0]
     return [' '.join(item.replace('\\\n', ' ').split()) for item in text.split('- [ ] ')[1:]]
 
 

@@ -37,8 +37,8 @@ class ODriveCanOptions(DriveOptions):
         'version of a firmware 0.5, such as "0.5.6": it is not reported over CAN',
         default='')
     endpoints: str = text(
-        'path of flat_endpoints.json, which the maker provides for each firmware 0.6, to read '
-        'settings over CAN', default='')
+        'path of flat_endpoints.json, which the manufacturer provides for each firmware 0.6, to '
+        'read settings over CAN', default='')
     confirmed: Optional[Mapping[str, float]] = section(
         'values of properties by name, which a person has read with odrivetool, as firmware 0.5 '
         'does not report them over CAN', default=None)
