@@ -51,7 +51,8 @@ def fit(name):
     curve = fit_curve(name, robot, actuation, wording, progress=show)
     print(f'\r{name}: {total} heights, largest residual {1e3 * curve.residual:.2f} mm',
           file=sys.stderr)
-    return curve_text(curve, title, 'scripts/fit_curves.py')
+    return curve_text(curve, title, 'scripts/fit_curves.py: re-simulated, the paper prints its '
+                      'cubic in a figure only')
 
 
 def differs(old, new):

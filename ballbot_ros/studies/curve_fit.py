@@ -205,8 +205,7 @@ def curve_text(curve: HeightCurve, robot: str, writer: str) -> str:
 
     `robot` names the robot and its actuation, for example ``GimBall with a free pendulum``.
     """
-    text = HEADER.format(robot=robot) + (BAND if curve.band else '') + (
-        f'\nWritten by {writer}: re-simulated, the paper prints its cubic in a figure only.')
+    text = HEADER.format(robot=robot) + (BAND if curve.band else '') + f'\nWritten by {writer}.'
     comment = '\n#\n'.join('# ' + '\n# '.join(textwrap.wrap(part, 95))
                            for part in text.split('\n\n'))
     content = {name: value for name, value in asdict(curve).items() if value not in (None, ())}
