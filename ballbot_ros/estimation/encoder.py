@@ -42,19 +42,18 @@ UNKNOWN_CHANGE = 25.0
 UNKNOWN_TIME = 0.003
 # Highest plausible joint rate [rad/s]: a higher estimate was corrupted by the jump itself.
 HIGHEST_JOINT_RATE = 60.0
-# After a longer pause [s] the motion in between is unknown: the checks restart, and an angle
-# further than `OUTLIER` from the prediction has another zero [rad].
-LONGEST_PAUSE = 0.05
-OUTLIER = 0.5
+# Largest tolerance without a velocity of the drive [rad].  After a longer pause [s], in which a
+# drive can restart, an angle further than this from the prediction has another zero.
+OUTLIER, SHORTEST_RESTART = 0.5, 0.15
 # A drive that restarted counts from 0: a reading within `NEAR_RESTART` of 0 plus the motion since,
 # and further than `RESTARTED` from the prediction, has a new zero [rad].
 NEAR_RESTART, RESTARTED = 0.15, 0.1
-# Shortest restart of a drive [s].
-SHORTEST_RESTART = 0.15
 # Number of consecutive readings, their shortest duration [s] and the tolerance of their common
 # offset [rad] for a new zero.  The offset of delayed readings decreases.
 AGREEING, AGREED_FOR, AGREE = 5, 0.0175, 0.03
 
+# The sums restart after a longer pause [s].
+LONGEST_PAUSE = 0.05
 # Time constant of the sums [s].
 SMOOTHING = 0.1
 # A difference of this fraction of the expected increments, opposite to them,
@@ -131,14 +130,15 @@ class Continuity(NamedTuple):
         """
         last = self.last
         pause = math.inf if last is None else reading.stamp - last.stamp
-        if last is None or pause > LONGEST_PAUSE and self.doubt is None:
+        late = max(UNKNOWN_TIME, reading.latency, 0.0 if last is None else last.latency)
+        if last is None or pause > SHORTEST_RESTART and self.doubt is None:
             far = RESTARTED if last is not None and _restarted(last, reading, innovation) \
                 else OUTLIER
-            fits, step_rate = abs(innovation) <= far, 0.0
+            fits, step_rate = _near(innovation, far, expected_rate, late), 0.0
             broken = not fits
         else:
-            late = max(UNKNOWN_TIME, last.latency, reading.latency)
-            fits = _near(innovation, pause, expected_rate, late)
+            fits = _near(
+                innovation, STEP_TOLERANCE + UNKNOWN_RATE * pause, expected_rate, late)
             step = reading.angle - last.angle
             broken = not self._explains(last, reading, step, pause, late)
             step_rate = self.step_rate if broken or pause <= 0.0 else step / pause
@@ -162,25 +162,24 @@ class Continuity(NamedTuple):
                   pause: float, late: float) -> bool:
         if last.rate is None or reading.rate is None:
             # Compares two steps, each between readings that may be later than their stamps.
-            return _near(step - self.step_rate * pause, pause, 2.0 * self.step_rate, late,
-                         UNKNOWN_CHANGE)
+            return _near(step - self.step_rate * pause,
+                         min(STEP_TOLERANCE + UNKNOWN_CHANGE * pause, OUTLIER),
+                         2.0 * self.step_rate, late)
         rate = 0.5 * (last.rate + reading.rate)
         fastest = max(abs(last.rate), abs(reading.rate))
-        return fastest < HIGHEST_JOINT_RATE and _near(step - rate * pause, pause, fastest, late)
+        return fastest < HIGHEST_JOINT_RATE and _near(
+            step - rate * pause, STEP_TOLERANCE + UNKNOWN_RATE * pause, fastest, late)
 
 
 def _restarted(last: EncoderReading, reading: EncoderReading, innovation: float) -> bool:
     """Return whether an encoder may have restarted from 0 in the pause before a reading."""
-    if reading.stamp - last.stamp < SHORTEST_RESTART:
-        return False
     moved = reading.angle - innovation - last.angle  # in the pause, by the filter
     return min(0.0, moved) - NEAR_RESTART <= reading.angle <= max(0.0, moved) + NEAR_RESTART
 
 
-def _near(error: float, pause: float, rate: float, late: float,
-          unknown: float = UNKNOWN_RATE) -> bool:
-    return abs(error) <= STEP_TOLERANCE + unknown * pause + late * min(
-        abs(rate), HIGHEST_JOINT_RATE)
+def _near(error: float, tolerance: float, rate: float, late: float) -> bool:
+    """Return whether a tolerance, and a reading that is late at a rate, explain an error."""
+    return abs(error) <= tolerance + late * min(abs(rate), HIGHEST_JOINT_RATE)
 
 
 # Expected increments, the difference of the measured ones, its tolerance, its uncertainty by late

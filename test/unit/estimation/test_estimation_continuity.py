@@ -128,6 +128,25 @@ def test_delayed_encoder_replies_are_not_detected_as_a_jump(rate, delay):
     assert jumps == 0 and kept.doubt is None
 
 
+def test_after_a_pause_a_late_reading_is_not_detected_as_a_jump():
+    # A bus that loses frames: the reply answers an earlier request than the lost one.
+    rate, late = 15.0, 0.05
+    for latency in (late, 0.0):
+        kept = Continuity().after(EncoderReading(0.0, 0.0, rate=rate), 0.0, rate)
+        kept = kept.after(EncoderReading(0.06, rate * (0.06 + late), rate=rate, latency=latency),
+                          rate * late, rate)
+        assert (kept.doubt is None) is (latency == late)
+
+
+@pytest.mark.parametrize('pause', [0.06, 0.1, 0.14])
+def test_a_step_in_a_pause_is_a_motion_if_it_agrees_with_the_velocity(pause):
+    # Commands were lost, too: the prediction is wrong.
+    for jump in (0.0, 2.0):
+        kept = Continuity().after(EncoderReading(0.0, 0.0, rate=4.0), 0.0, 4.0)
+        kept = kept.after(EncoderReading(pause, 6.0 * pause + jump, rate=8.0), jump - 0.6, 17.0)
+        assert (kept.doubt is None) is (jump == 0.0)
+
+
 def test_a_pause_of_the_readings_does_not_end_a_doubt():
     kept = Continuity().after(EncoderReading(0.0, 0.0, rate=0.0), 0.0, 0.0)
     kept = kept.after(EncoderReading(0.002, 0.4, rate=0.0), 0.4, 0.0)
