@@ -95,13 +95,21 @@ class Fusion:
         """
         Queue an IMU reading; the first encoder reading that is not older uses it.
 
-        Raises `MessageError` with reason ``out_of_order``.
+        Raises `MessageError` with reason ``out_of_order``, and ``outlier`` for a turn rate that no
+        motion explains.
         """
         if reading.stamp < self._newest:
             raise MessageError(
                 f'IMU reading stamped {reading.stamp:.6f} s refused: one stamped '
                 f'{self._newest:.6f} s arrived before', 'out_of_order', 'stamp')
         self._newest = reading.stamp
+        followed = self._imu is not None and reading.stamp - self._imu.stamp <= IMU_TIMEOUT
+        if self.estimate is not None and followed \
+                and not self._filter.explains(self.estimate, reading):
+            raise MessageError(
+                f'IMU reading refused: no motion explains a turn rate of {reading.turn_rate:.3g} '
+                'rad/s after the previous readings; check cable, supply and range of the gyro',
+                'outlier', 'turn_rate')
         self._waiting.append(reading)
 
     def _use(self, reading: ImuReading, torque: float) -> None:

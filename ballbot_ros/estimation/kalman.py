@@ -79,6 +79,8 @@ SIZE = 5
 LONGEST_STEP = 0.005
 # Stamps closer than this are the same [s].
 STAMP_TOLERANCE = 1e-9
+# Largest plausible innovation of the gyro [standard deviations].
+GYRO_GATE = 5.0
 # Correlation time of the error of the forward specific force [s].
 STRAY_TIME = 0.1
 
@@ -288,11 +290,12 @@ class PendulumFilter:
     def __init__(self, robot: Robot, tuning: FilterTuning = FilterTuning()):
         model = RollingModel(robot)
         self._tuning = tuning
-        self._trust = FilterNumbers(
+        self._own = FilterNumbers(
             robot.pendulum_moment, robot.ball_radius, robot.gravity, tuning.gyro_sd**2,
             tuning.gravity_sd**2, tuning.gravity_gate, tuning.pendulum_noise**2,
             tuning.ball_noise**2, tuning.pendulum_noise_with_imu**2,
-            tuning.ball_noise_with_imu**2, tuning.gyro_drift**2)[:]
+            tuning.ball_noise_with_imu**2, tuning.gyro_drift**2)
+        self._trust = self._own[:]
         self._rolling = model.numbers
 
     def start(self, stamp: float, encoder: float, imu: Optional[ImuReading] = None,
@@ -355,6 +358,21 @@ class PendulumFilter:
     def innovation(self, estimate: Estimate, encoder: float) -> float:
         """Return the difference between an encoder angle and its prediction [rad]."""
         return encoder - estimate.encoder_zero - float(estimate.mean[JOINT])
+
+    def explains(self, estimate: Estimate, imu: ImuReading) -> bool:
+        """
+        Return whether a turn rate is within `GYRO_GATE` of its prediction by an IMU estimate.
+
+        Without a specific force near g (a fall or an impact) any turn rate is possible.
+        """
+        own, covariance = self._own, estimate.covariance
+        if abs(math.hypot(imu.forward, imu.upward) - own.gravity) > own.gravity_gate:
+            return True
+        variance = covariance[BALL_RATE, BALL_RATE] + 2.0 * covariance[BALL_RATE, BIAS] \
+            + covariance[BIAS, BIAS] + own.gyro_variance \
+            + own.ball_with_imu * max(imu.stamp - estimate.stamp, 0.0)
+        error = imu.turn_rate - estimate.mean[BALL_RATE] - estimate.mean[BIAS]
+        return bool(error**2 <= GYRO_GATE**2 * variance)
 
     def with_imu(self, estimate: Estimate, imu: ImuReading, period: float) -> Estimate:
         """
