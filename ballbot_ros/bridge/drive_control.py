@@ -9,7 +9,7 @@ from ballbot_ros.bridge.condition import ConditionMonitor
 from ballbot_ros.bridge.drive_line import DriveLine, HANDSHAKE
 from ballbot_ros.bridge.hardware_file import Hardware
 from ballbot_ros.bridge.motor_state import (
-    Event, MEASUREMENT_AGE_MAX, MotorState, Power, RECONNECT_TIMEOUT, STATUS_TIMEOUT)
+    Event, MEASUREMENT_AGE_MAX, MotorState, Power, RECONNECT_TIMEOUT)
 from ballbot_ros.bridge.observer import Level, SessionObserver
 from ballbot_ros.bridge.realtime import PAGE
 from ballbot_ros.bridge.sensing import AxisEstimate, AxisSensing, Estimated
@@ -147,7 +147,6 @@ class DriveControl(Generic[Estimated]):
             hardware.battery, hardware.thermal, hardware.limits.torque_limit)
         self.power, self._pacer = Power(), Pacer(period)
         self._period, self._watched, self._unconfirmed = period, -math.inf, 0.0
-        self._held_up_at = -math.inf  # end of the last delay longer than the watchdog [s]
         self.counts: Counter[str] = Counter()
         self.refusal = self.unconfirmed = ''
 
@@ -203,7 +202,7 @@ class DriveControl(Generic[Estimated]):
     def follow(self, now: float) -> None:
         """Send the torque of a new command now if the link allows, else in the next tick."""
         driver = self.line.driver
-        if driver is None or self.power.state is not MotorState.ARMED:
+        if driver is None or self.power.state is not MotorState.ARMED or self._is_held_up(now):
             return
         self._pacer = self._pacer.commanded()
         if self._pacer.has_room(now) and driver.may_command:
@@ -241,7 +240,7 @@ class DriveControl(Generic[Estimated]):
             self.disconnect(driver, error)
             raise RefusedError(str(error), 'failed', 'drive') from error
         finally:
-            self.sensing.restart(self._clock())  # no measurement was requested meanwhile
+            self._restart(self._clock())
 
     def close(self) -> None:
         """Stop the motor and close the link."""
@@ -257,22 +256,35 @@ class DriveControl(Generic[Estimated]):
             self.line.disconnect(error)
 
     def _watch(self, driver: Driver, now: float) -> None:
-        """Detect a drive that stopped answering or disarmed the motor by itself."""
-        status_age = self._status_age(driver.telemetry, now)
+        """Detect a delayed loop, and a drive that stopped answering or disarmed the motor."""
+        if self.power.state is MotorState.ARMED and self._is_held_up(now):
+            cause = EStop(
+                StopReason.HELD_UP, f'the machine delayed the loop by {now - self._watched:.2f} s,'
+                ' too long for the watchdog of the drive '
+                f'({self._hardware.connection.watchdog:g} s), {PAGE}')
+            self._restart(now)
+            self._begin_stop(driver, StopReason.HELD_UP, cause)
+            return
         silence = self.sensing.silence(now)
         if silence > RECONNECT_TIMEOUT:
             raise DriveError(f'the drive has not answered for {RECONNECT_TIMEOUT:g} s', 'silent',
                              'drive')
-        observed = self.power.observe(driver.telemetry, silence, status_age)
+        observed = self.power.observe(
+            driver.telemetry, silence, self._status_age(driver.telemetry, now))
         if observed is not None:
-            fault = observed.reason
-            if fault is StopReason.HAZARD:  # arming again does not clear it
+            if observed.reason is StopReason.HAZARD:  # arming again does not clear it
                 self.supervisor.trigger(observed)
-            elif now - self._held_up_at < STATUS_TIMEOUT:
-                observed = EStop(
-                    StopReason.HELD_UP, 'the machine delayed the loop by more than the '
-                    f'watchdog of the drive, {PAGE}: {observed.text}', observed.names)
-            self._begin_stop(driver, fault, observed)
+            self._begin_stop(driver, observed.reason, observed)
+
+    def _is_held_up(self, now: float) -> bool:
+        """Return whether the drive may have ended the torque for want of a command."""
+        # The last torque may have been sent a period before the last check.
+        return now - self._watched + self._period > self._hardware.connection.watchdog
+
+    def _restart(self, now: float) -> None:
+        """Restart the timeouts after a time without requests."""
+        self._watched, self._unconfirmed = now, 0.0
+        self.sensing.restart(now)
 
     def _status_age(self, telemetry: Telemetry, now: float) -> float:
         """
@@ -284,10 +296,6 @@ class DriveControl(Generic[Estimated]):
         if now - self.sensing.stamp > MEASUREMENT_AGE_MAX:
             confirmed = -math.inf  # replies arrive, but are too old
         elapsed = min(now - self._watched, TORQUE_INTERVAL_MAX * self._period)
-        if self.power.state is MotorState.ARMED \
-                and now - self._watched + self._period > self._hardware.connection.watchdog:
-            self._held_up_at = now
-            self.sensing.restart(now)
         self._unconfirmed = 0.0 if confirmed > self._watched else self._unconfirmed + elapsed
         self._watched = now
         return self._unconfirmed
@@ -368,7 +376,7 @@ class DriveControl(Generic[Estimated]):
             return
         self.refusal = ''
         self._change(Event.ARMED)
-        self.sensing.restart(self.power.since)
+        self._restart(self.power.since)
         LOG.info('motor power is enabled')
 
     def _feed_others(self) -> None:
@@ -377,7 +385,7 @@ class DriveControl(Generic[Estimated]):
             axis.feed()
 
     def feed(self) -> None:
-        """Feed the watchdog of an armed drive, and restart the reply timeout."""
+        """Feed the watchdog of an armed drive, and restart the timeouts."""
         driver, now = self.line.driver, self._clock()
         if driver is not None and self.power.state is MotorState.ARMED \
                 and self._pacer.has_room(now):
@@ -387,7 +395,7 @@ class DriveControl(Generic[Estimated]):
                 driver.feed()
             except LinkError as error:
                 self.disconnect(driver, error)
-        self.sensing.restart(now)
+        self._restart(now)
 
     def _begin_stop(self, driver: Driver, event: Union[Event, StopReason],
                     cause: Optional[EStop] = None) -> None:

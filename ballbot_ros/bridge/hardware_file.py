@@ -130,7 +130,8 @@ class Limits(Checked):
         default=2.0)
     rearm: bool = flag(
         'whether to continue after a lost link, a restart of the drive, a drive that disarmed by '
-        'itself or an IMU timeout; if not, the e-stop engages and a person must release it',
+        'itself, a delay of the loop beyond the watchdog or an IMU timeout; if not, the e-stop '
+        'engages and a person must release it',
         default=False)
 
 

@@ -52,6 +52,7 @@ TRANSITIONS: Mapping[Tuple[MotorState, Union[Event, StopReason]], MotorState] = 
     (MotorState.ARMED, StopReason.UNCONFIRMED): MotorState.STOPPING,
     (MotorState.ARMED, StopReason.DISARMED_BY_DRIVE): MotorState.STOPPING,
     (MotorState.ARMED, StopReason.HAZARD): MotorState.STOPPING,
+    (MotorState.ARMED, StopReason.HELD_UP): MotorState.STOPPING,
     (MotorState.ARMED, StopReason.LOST): MotorState.DISCONNECTED,
     (MotorState.STOPPING, Event.STOPPED): MotorState.DISARMED,
     (MotorState.STOPPING, StopReason.LOST): MotorState.DISCONNECTED,
@@ -86,7 +87,7 @@ class Power(NamedTuple):
             return EStop(
                 StopReason.UNCONFIRMED, 'the drive has not reported its armed state for '
                 f'{STATUS_TIMEOUT:g} s, or its measurements are older than '
-                f'{MEASUREMENT_AGE_MAX:g} s')
+                f'{MEASUREMENT_AGE_MAX:g} s: replies are late or lost')
         if telemetry.hazards:
             settings, texts = zip(*telemetry.hazards)
             return EStop(StopReason.HAZARD, ', '.join(texts), settings)

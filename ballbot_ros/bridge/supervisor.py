@@ -40,7 +40,7 @@ class StopReason(str, Enum):
     DISARMED_BY_DRIVE = 'disarmed_by_drive'
     HAZARD = 'hazards'  # another sender commands the drive, or its settings have changed
     LOST = 'links_lost'  # the link failed, or replies timed out
-    HELD_UP = 'held_up'  # one of the above, after the machine delayed the loop
+    HELD_UP = 'held_up'  # the machine delayed the loop by more than the watchdog of the drive
     # Faults detected by this module, and faults of the battery and the IMU.
     RUNAWAY = 'runaway'
     BATTERY_EMPTY = 'battery_empty'

@@ -12,9 +12,9 @@ from ballbot_ros.drives.contract import Telemetry
 from ballbot_ros.imus.plausibility import EXPLANATIONS
 
 DISCONNECTED, DISARMED, ARMED, STOPPING = MotorState
-# Events that a drive, or its loss, may cause at any time.
+# Events that a drive, its loss, or a delay of the loop may cause at any time.
 UNREQUESTED = {StopReason.SILENT, StopReason.UNCONFIRMED, StopReason.HAZARD,
-               StopReason.DISARMED_BY_DRIVE, StopReason.LOST}
+               StopReason.DISARMED_BY_DRIVE, StopReason.HELD_UP, StopReason.LOST}
 EVENTS = (*Event, *StopReason)
 
 

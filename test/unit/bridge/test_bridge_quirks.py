@@ -114,6 +114,9 @@ def test_the_serial_timeout_of_a_roboclaw_is_set_at_every_start():
     robot.run(0.1, torque=0.5)
     robot.pass_time(0.12)  # without a tick
     assert robot.motor == 0.0 and robot.device._timeout == 1
+    robot.run(0.6, torque=0.0)
+    robot.session.release()
+    robot.run(0.1, torque=0.0)
     robot.device.reboot(robot.now)
     robot.run(1.5, torque=0.0)
     assert robot.session.line.reconnects == 0  # too short for a reconnection
