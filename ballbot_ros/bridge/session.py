@@ -255,7 +255,7 @@ class Session:
                     f'time is {now:.3f} s: does the sender use another clock?',
                     'from_the_future', 'stamp')
             # Its age counts from now at the latest, so the timeout limits every set-point.
-            self.law.give(replace(set_point, stamp=min(set_point.stamp or now, now)))
+            self.law.give(replace(set_point, stamp=min(set_point.stamp or now, now)), now)
 
     def imu(self, reading: ImuReading) -> None:
         """Accept an IMU reading as `Sensing.imu` does; engage the e-stop if it is implausible."""

@@ -131,13 +131,13 @@ class SupervisedController:
         """Return the stamp of the latest joint state, 0 before the first [s]."""
         return self._newest.stamp if self._newest else 0.0
 
-    def give(self, set_point: SetPoint) -> None:
+    def give(self, set_point: SetPoint, now: Optional[float] = None) -> None:
         """
-        Accept a set-point.
+        Accept a set-point at a time [s]; without a clock, that of the latest joint state.
 
         Raises `MessageError` with reason ``stale``, ``from_the_future`` or ``e_stop``.
         """
-        ahead = set_point.stamp - self.time
+        ahead = set_point.stamp - (self.time if now is None else now)
         # With the e-stop engaged joint states may have stopped, and the age is unknown.
         dated = self._newest is not None and not self.e_stop
         if dated and ahead > STAMP_AHEAD_MAX:
@@ -225,8 +225,8 @@ class SupervisedController:
         if slow and not self.too_slow:
             LOG.warning(
                 f'joint states arrive at {rate:.0f} Hz and these gains need '
-                f'{self.expected.lowest_rate:.0f} Hz: torque is 0; raise the rate or choose '
-                'another tuning')
+                f'{self.expected.lowest_rate:.0f} Hz: torque is 0; raise the rate, choose '
+                'another tuning, or find what delays them')
         if slow or self.too_slow:
             # The law stores the readings, and restarts from zero torque.
             self._controller.take_over()

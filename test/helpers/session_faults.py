@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults of sensors, line and drive for a `VirtualRobot`, and the time to zero torque."""
-from contextlib import suppress
 from dataclasses import replace
 import math
 import random
@@ -8,7 +7,7 @@ import random
 from virtual_robot import STEP
 
 from ballbot_ros.control import Mode, SetPoint
-from ballbot_ros.errors import MessageError
+from ballbot_ros.drives.can_frames import RECORD_SIZE
 
 FORWARD = SetPoint(Mode.HOLD, 0.45)
 
@@ -32,8 +31,7 @@ def loop(robot, seconds, set_point):
     end = robot.now + seconds
     while robot.now < end - 1e-9:
         if not robot.session.supervisor.e_stop:
-            with suppress(MessageError):  # stamped too far ahead of stale measurements
-                robot.session.give(set_point)
+            robot.session.give(set_point)
         robot.loop(0.02)
 
 
@@ -280,6 +278,26 @@ def second_node(robot):
     device.tick = tick_both
 
 
+def bunched_replies(period):
+    """Return a fault: replies arrive together at multiples of a period [s]."""
+    def plant(robot):
+        def reply(data, always=False):
+            arrival = period * math.ceil((robot.now + robot._delay) / period)
+            robot.waiting.append((arrival, robot.device.receive(data, robot.now)))
+        robot._reply = reply
+    return plant
+
+
+def lossy_bus(share, seed=1):
+    """Return a fault: a share of the frames of a CAN bus is lost, in both directions."""
+    def plant(robot):
+        rng = random.Random(seed)
+        robot.to_drive = robot.from_drive = lambda data: b''.join(
+            data[start:start + RECORD_SIZE] for start in range(0, len(data), RECORD_SIZE)
+            if rng.random() >= share)
+    return plant
+
+
 def slow_bytes(robot):
     """Let the bytes of each reply arrive one by one, 1 ms apart."""
     def reply(data, always=False):
@@ -321,5 +339,6 @@ FAULTS = {
     'gyro with half the scale': gyro(lambda rate: 0.5 * rate),
     'cable unplugged': unplugged, 'no reply arrives': silent_drive,
     'bytes of replies 1 ms apart': slow_bytes,
-    'replies 20 ms later every 0.1 s': growing_latency, 'status not confirmed': lost_status,
+    'replies 20 ms later every 0.1 s': growing_latency,
+    'replies together every 80 ms': bunched_replies(0.08), 'status not confirmed': lost_status,
     'drive trips': tripped_drive, 'drive reboots': rebooted_drive}

@@ -149,12 +149,15 @@ def health(session: Session, loop: Optional[Loop], imu_refused: int,
             f'{IMU_RECOVERY_TIME:g} s without a gap'), values
     if delayed:
         return diagnostics.WARN, delayed, values
+    if session.law is not None and session.law.too_slow:
+        return diagnostics.ERROR, (
+            f'the drive answers at {session.law.rate or 0.0:.0f} Hz, and these gains need '
+            f'{session.law.expected.lowest_rate:.0f} Hz: torque is 0; check the latency timer of '
+            'the serial adapter and the line'), values
     if supervisor.timed_out:
         return level, text, values
     if session.law is not None and session.law.let_down:
         return diagnostics.WARN, 'set-points timed out', values
-    if session.law is not None and session.law.too_slow:
-        return diagnostics.ERROR, 'the measurement rate is too low for these gains', values
     if session.law is not None and session.law.overcome:
         return diagnostics.WARN, 'resistance exceeds the torque at the largest lean', values
     if not has_imu:

@@ -7,9 +7,10 @@ import random
 import pytest
 from refusals import refused
 from session_faults import (
-    broken_belt, FAULTS, FORWARD, frozen, hold_up, in_degrees, in_g, kept_torque, loop, loop_late,
-    lost_status, mounted_backwards, noisy_line, repeated, reversed_encoder, sagging_supply,
-    scaled_encoder, second_node, slow_reader, time_to_zero, transmitted, upside_down)
+    broken_belt, bunched_replies, FAULTS, FORWARD, frozen, gyro, hold_up, in_degrees, in_g,
+    kept_torque, loop, loop_late, lossy_bus, lost_status, mounted_backwards, noisy_line, repeated,
+    reversed_encoder, sagging_supply, scaled_encoder, second_node, slow_reader, time_to_zero,
+    transmitted, upside_down)
 from tiers import pairs, slow
 from virtual_robot import GIMBALL, STEP, VirtualRobot
 
@@ -135,6 +136,72 @@ def test_a_drive_that_does_not_confirm_its_status_is_stopped(protocol):
     assert robot.session.control.counts['unconfirmed'] == 1
 
 
+@pytest.mark.parametrize('protocol, delay', pairs(PROTOCOLS, [0.12, 0.7]))
+def test_a_loop_delayed_beyond_the_watchdog_engages_the_e_stop_with_every_drive(protocol, delay):
+    robot = VirtualRobot(protocol, onboard='gentle').ready()
+    loop(robot, 0.3, FORWARD)
+    assert robot.motor != 0.0
+    robot.pass_time(delay)  # the process is suspended
+    robot.torques.clear()
+    loop(robot, 0.3, FORWARD)
+    assert robot.session.supervisor.e_stop.reason is StopReason.HELD_UP
+    assert not any(robot.torques) and robot.session.control.power.state is MotorState.DISARMED
+
+
+def test_a_command_after_a_delay_beyond_the_watchdog_is_not_sent():
+    robot = VirtualRobot('vesc')
+    robot.device.application = robot.device.application._replace(timeout=0.04)
+    robot.change(connection=replace(robot.hardware.connection, watchdog=0.05)).ready()
+    robot.run(0.1, torque=0.5)
+    assert robot.motor != 0.0
+    robot.pass_time(0.06)
+    robot.session.command(0.5, robot.now)  # before the first period of the loop
+    robot.torques.clear()
+    report = robot.run(0.1)
+    assert report.e_stop.reason is StopReason.HELD_UP and not any(robot.torques)
+
+
+@pytest.mark.parametrize('protocol', ['roboclaw', *slow(*PROTOCOLS[:3])])
+def test_with_rearm_a_delayed_loop_arms_again_after_a_pause(protocol):
+    robot = VirtualRobot(protocol, onboard='gentle', rearm=True).ready()
+    loop(robot, 0.3, FORWARD)
+    robot.pass_time(0.12)
+    robot.torques.clear()
+    loop(robot, 0.28, FORWARD)
+    assert not any(robot.torques)
+    loop(robot, 0.3, FORWARD)
+    counts = robot.session.control.counts
+    assert robot.motor != 0.0 and (counts['held_up'], counts['armed']) == (1, 2)
+
+
+@pytest.mark.parametrize('protocol', ['roboclaw', *slow('vesc', 'odrive_can 0.6')])
+def test_replies_at_a_lower_rate_than_the_gains_need_end_the_torque(protocol):
+    robot = VirtualRobot(protocol, onboard='gentle').ready()
+    loop(robot, 0.2, FORWARD)
+    assert 0.5 < time_to_zero(robot, bunched_replies(0.08)) < 1.0
+    assert robot.session.law.too_slow and not robot.session.supervisor.e_stop
+
+
+@pytest.mark.parametrize('seed', [0, *slow(6, 8)])
+def test_lost_frames_are_not_mistaken_for_encoder_jumps(seed):
+    robot = VirtualRobot('odrive_can 0.6', onboard='gentle').ready()
+    lossy_bus(0.1, seed)(robot)
+    for number in range(8):
+        loop(robot, 0.3, SetPoint(Mode.HOLD, 1.2 * (-1) ** number))
+    assert not robot.session.supervisor.e_stop and not robot.session.fusion.jumps
+
+
+def test_set_points_are_accepted_and_dropped_while_the_drive_is_searched_for():
+    robot = VirtualRobot(onboard='gentle', rearm=True).ready()
+    loop(robot, 0.1, FORWARD)
+    robot.plugged = False
+    loop(robot, 1.5, FORWARD)  # raises no `MessageError`
+    robot.plugged = True
+    robot.loop(1.0)
+    assert robot.session.control.power.state is MotorState.ARMED
+    assert robot.session.law.set_point.mode is Mode.IDLE and not any(robot.torques[-500:])
+
+
 def test_preemption_of_the_process_does_not_count_as_an_unconfirmed_status():
     robot = VirtualRobot(onboard='gentle').ready()
     loop(robot, 0.1, FORWARD)
@@ -151,6 +218,15 @@ def test_an_imu_that_is_not_plausible_engages_the_e_stop(fault, reason):
     loop(robot, 0.2, FORWARD)
     assert time_to_zero(robot, fault, 6.0, SetPoint(Mode.SPEED, 0.5)) < 1.6
     assert robot.session.supervisor.e_stop.reason in (reason, StopReason.JOINT_TORQUE)
+
+
+def test_wrong_turn_rates_of_single_readings_do_not_change_the_estimate():
+    robot, rng = VirtualRobot(onboard='gentle').ready(), random.Random(1)
+    gyro(lambda rate: rate + rng.choice((-35.0, 35.0)) * (rng.random() < 0.1))(robot)
+    loop(robot, 0.6, SetPoint(Mode.SPEED, 0.5))
+    assert not robot.session.supervisor.e_stop and robot.refused.reason == 'outlier'
+    angle = robot.session.fusion.estimate.readings.pendulum_angle
+    assert angle == pytest.approx(robot.plant.state.pendulum_angle, abs=0.03)
 
 
 def test_the_centripetal_acceleration_of_an_imu_away_from_the_centre_is_plausible():

@@ -6,6 +6,7 @@ import re
 from types import SimpleNamespace
 
 import pytest
+from session_faults import bunched_replies, loop
 from virtual_robot import VirtualRobot
 
 from ballbot_ros.control import Authority, Mode, SetPoint
@@ -267,6 +268,15 @@ def test_the_active_law_and_its_set_value_are_reported():
     found = values(robot)
     assert (found['control'], found['law'], found['set_value']) == ('onboard', 'speed', '0.2500')
     assert described(robot)[:2] == (diagnostics.OK, 'running')
+
+
+def test_replies_at_a_lower_rate_than_the_gains_need_are_an_error_with_both_rates():
+    robot = VirtualRobot('roboclaw', onboard='gentle').ready()
+    bunched_replies(0.08)(robot)
+    loop(robot, 1.5, SetPoint(Mode.HOLD, 0.2))
+    level, message, _ = described(robot)
+    assert level == diagnostics.ERROR
+    assert message.startswith('the drive answers at 13 Hz, and these gains need 20 Hz')
 
 
 def test_set_points_that_timed_out_are_a_warning():
