@@ -277,7 +277,7 @@ class DriveControl(Generic[Estimated]):
             self._begin_stop(driver, observed.reason, observed)
 
     def _is_held_up(self, now: float) -> bool:
-        """Return whether the drive may have ended the torque for want of a command."""
+        """Return whether the drive may have ended the torque without a new command."""
         # The last torque may have been sent a period before the last check.
         return now - self._watched + self._period > self._hardware.connection.watchdog
 

@@ -257,7 +257,7 @@ class Gamepad:
                 'no gamepad is connected, or this user may not open it: sudo usermod -aG input '
                 '$USER', 'unavailable', 'gamepad')
         self._device = device
-        # A: stop, B: e-stop.  No button releases the e-stop, so that none does by mistake.
+        # A: stop, B: e-stop.  No button releases the e-stop, to prevent a release by mistake.
         self._buttons = {codes.BTN_SOUTH: 'space', codes.BTN_EAST: 'e'}
         information = device.absinfo(codes.ABS_Y)
         self._low, self._high = information.min, information.max
