@@ -346,7 +346,6 @@ class FacePlanner:
         distance = left[0].position - motion.position if left else 0.0
         return replace(
             previous, reason=Reason.COMMITTED, distance=distance, contact_since=since,
-            step=left[0].number if left else previous.step,
             explanation=f'On the step, {distance:.2f} m to its face: continuing')
 
     def _brake(self, motion: Motion, previous: Optional[Decision]) -> Optional[Decision]:

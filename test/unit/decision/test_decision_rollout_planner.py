@@ -310,6 +310,18 @@ def test_a_face_that_appears_past_the_last_braking_point_does_not_end_a_crossing
     assert after.kind is Kind.CROSS and after.step == near.number
 
 
+def test_a_crossing_of_a_deep_trench_continues_between_its_edges():
+    planner, decision = with_safety_filter(new_planner(), KNOWLEDGE), None
+    near, far = step(-0.15), step(0.15, position=0.15, number=2)  # above the energy bound
+    floor = [(-3.0, 0.0), (0.0, 0.0), (0.0, -0.15), (0.15, -0.15), (0.15, 0.0), (3.0, 0.0)]
+    for position in [*60 * [-0.65], -0.002, 0.02, 0.08, 0.14]:
+        faces = [face for face in (near, far) if face.position > position]
+        decision = planner(Situation(Motion(0.0, position, 0.6), seen(
+            *faces, points=floor, seen_to=3.0)), decision)
+        assert decision.kind is Kind.CROSS or position == -0.65
+        assert position == -0.65 or decision.plan.edge == pytest.approx(0.16)
+
+
 def test_past_the_last_braking_point_a_plan_keeps_its_end_if_another_face_is_observed():
     up, down, behind = step(0.015), step(-0.03, position=0.14, number=2), step(
         0.016, position=0.42, number=3)
