@@ -4,11 +4,12 @@ import math
 from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
-from ballbot_ros.crossing.rules import sink_depth
+from ballbot_ros.crossing.rules import sink_depth, touch_distance
 from ballbot_ros.decision.perception.edge_map import HEIGHT_ENTRY, HEIGHT_EXIT
 from ballbot_ros.decision.perception.elevation import (
-    CELL, ElevationMap, POSITION_SD, Whole)
+    CELL, ElevationMap, Flags, POSITION_SD, Whole)
 from ballbot_ros.decision.perception.kernels import line, middle, simplify
 from ballbot_ros.decision.values import Face, Profile
 from ballbot_ros.physics.model.terrain import Array
@@ -185,7 +186,7 @@ def ground_of(found: ElevationMap, stamp: float, position: float, radius: float,
     The stamp is that of the latest scan [s].  The `edges` are known faces: they are measured at
     their positions, and only the test of `HEIGHT_EXIT` applies to them.
     """
-    known = np.flatnonzero(found.known)
+    known = np.flatnonzero(found.known & ~spanned(found, radius))
     # Neighbouring nodes are interpolated between the same points.
     shared = min(max(1.5 * found.spacing / CELL, 1.0), 20.0)
     nodes = _bridged(found, known, shared, position, radius, edges)
@@ -198,6 +199,25 @@ def ground_of(found: ElevationMap, stamp: float, position: float, radius: float,
     return Profile(stamp, tuple(faces), tuple(points), float(nodes.x[0]), float(nodes.x[-1]),
                    math.atan(slope), math.sqrt(slope_variance + SLOPE_SD_MIN**2),
                    points_sd=tuple(sds))
+
+
+def spanned(found: ElevationMap, radius: float) -> Flags:
+    """
+    Return which known nodes lie in a groove that the ball spans, (n,).
+
+    The ball sinks by less than `HEIGHT_ENTRY` between two edges of a smaller distance than
+    `width`.  A morphological closing fills these grooves up to their lower edge.
+    """
+    width = int(2.0 * touch_distance(radius, HEIGHT_ENTRY) / CELL)
+    height = np.where(found.known, found.height, -np.inf)
+    padded = np.pad(height, width - 1, constant_values=-np.inf)
+    highest = sliding_window_view(padded, len(padded) - width + 1).max(axis=0)
+    closed = sliding_window_view(highest, len(height)).min(axis=0)
+    # The uncertain position of an edge makes the heights beside it uncertain, but not lower.
+    usual = middle(found.variance[found.known])
+    sd = np.sqrt(np.minimum(np.where(found.known, found.variance, 0.0), 4.0 * usual))
+    below: Flags = closed > height + np.maximum(HEIGHT_ENTRY, FACE_SIGMAS * sd)
+    return below
 
 
 def _edges_in(nodes: Nodes, edges: Sequence[Face]) -> List[Piece]:

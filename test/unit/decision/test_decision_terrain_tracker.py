@@ -252,6 +252,21 @@ def test_the_observed_terrain_ends_at_a_trench_with_a_hidden_floor():
     assert all(profile.faces for profile in profiles if profile.seen_to > 1.3)
 
 
+@pytest.mark.parametrize('width', [0.02, 0.04, 0.06])
+@pytest.mark.parametrize('depth', [0.02, 0.15])
+def test_a_groove_that_the_ball_spans_is_neither_faces_nor_a_slope(width, depth):
+    sensor = TerrainSensor(ground((0.0, -depth), (width, 0.0), (0.0, depth)), 3.0, 0.0005)
+    tracking = tracker()
+    tracking.follow(DecisionTuning(), 0.075)
+    for number, x in enumerate(np.linspace(0.6, 1.4, 60)):
+        sight = sensor.measure(x, RADIUS, number)
+        profile = tracking.update(TerrainObservation(
+            0.05 * number, sight.x, sight.z, sight.z_sd, sight.x_min, sight.x_max), x)
+        assert profile.rejection is None and profile.seen_to > 3.0
+        assert not profile.faces and not profile.steep
+        assert profile.slope == pytest.approx(0.0, abs=0.01)
+
+
 @pytest.mark.parametrize('seed', [0, *slow(1, 2, 3)])
 def test_the_height_of_a_step_down_on_a_descent_does_not_depend_on_the_distance(seed):
     slope = -0.0664
