@@ -5,6 +5,8 @@ from enum import Enum
 import math
 from typing import Optional, Tuple
 
+from ballbot_ros.crossing.rules import touch_distance
+
 
 class Kind(str, Enum):
     """Action of a decision."""
@@ -275,6 +277,21 @@ class Face:
     position_sd: float
     height_sd: float
     run: float = 0.0
+
+    def touch(self, radius: float, slope: float = 0.0) -> float:
+        """
+        Return the position of the centre of a ball that touches the face, or is above a drop [m].
+
+        The slope of the ground before the face is positive uphill [rad].
+        """
+        if self.height <= 0.0:
+            return self.position - touch_distance(radius, 0.0, slope=slope)
+        run = max(self.run, 0.0)
+        along = radius * math.tan(0.5 * (math.atan2(self.height, run) - slope))
+        if along < math.hypot(run, self.height):  # the ball touches the incline, not its edge
+            return self.position - along * math.cos(slope) - radius * math.sin(slope)
+        return self.position + run - touch_distance(
+            radius, self.height - run * math.tan(slope), slope=slope)
 
 
 @dataclass(frozen=True)

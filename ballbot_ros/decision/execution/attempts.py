@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import math
 from typing import Deque, Optional, Tuple
 
-from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.learning.outcomes import Outcome, Result
 from ballbot_ros.decision.planning.situation import Situation
 from ballbot_ros.decision.values import (
@@ -132,7 +131,7 @@ class AttemptWatch:
 
     def _distance_to_touch(self, face: Face, position: float) -> float:
         """Return the distance that the ball rolls before it touches a face [m]."""
-        return face.position - position - touch_distance(self._radius, face.height)
+        return face.touch(self._radius) - position
 
     def _before_touch(self, face: Face) -> Tuple[float, float]:
         """Return speed and pendulum angle just before the touch."""

@@ -6,7 +6,7 @@ from typing import List, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.crossing.rules import sink_depth, touch_distance
+from ballbot_ros.crossing.rules import sink_depth
 from ballbot_ros.decision.perception.ground_profile import GroundProfile
 from ballbot_ros.decision.planning.situation import Situation
 from ballbot_ros.decision.planning.stop_line import LINE_MARGIN
@@ -170,5 +170,5 @@ def look_ahead(situation: Situation, faces: Sequence[Face], radius: float,
     first = faces[0]
     return Ahead(
         np.array(rows), tuple(faces), tuple(ends), deviations, slope, situation.slope_sd,
-        first.position - touch_distance(radius, first.height, slope=slope),
+        first.touch(radius, slope),
         min(seen_to - radius - LINE_MARGIN, line), known, descents)

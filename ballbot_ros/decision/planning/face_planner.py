@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import math
 from typing import Callable, NamedTuple, Optional
 
-from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.planning.ahead import (
     Ahead, Candidate, CONTACT_TIME_MAX, faces_ahead, look_ahead)
 from ballbot_ros.decision.planning.safety_filter import past_braking, stop
@@ -329,7 +328,7 @@ class FacePlanner:
         faces = situation.profile.faces
         own = [face for face in faces if face.number == previous.step]
         face = own[0] if own else basis.face
-        touch = face.position - touch_distance(self._robot.ball_radius, face.height)
+        touch = face.touch(self._robot.ball_radius)
         if previous.contact_since is None and motion.position < touch - CONTACT_DISTANCE:
             if own or previous.reason is not Reason.COMMITTED:
                 return None

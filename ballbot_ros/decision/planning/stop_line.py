@@ -11,7 +11,6 @@ from dataclasses import replace
 import math
 from typing import Iterable, NamedTuple, Optional
 
-from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.perception.ground_profile import (
     GroundProfile, SLOPE_LENGTH_MIN)
 from ballbot_ros.decision.planning.braking import Braking
@@ -41,9 +40,8 @@ class StopLines:
 
     def before_face(self, face: Face) -> StopLine:
         """Return the line before a face that is not crossed."""
-        touch = touch_distance(self._radius, face.height) if face.height > 0.0 else 0.0
         margin = LINE_MARGIN + self._tuning.sigma_margin * face.position_sd
-        return StopLine(face.position - touch - margin, face.position,
+        return StopLine(face.touch(self._radius) - margin, face.position,
                         Reason.WALL if face.height > 0.0 else Reason.DROP,
                         f'a face of {1e3 * face.height:.0f} mm')
 

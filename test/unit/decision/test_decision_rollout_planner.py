@@ -5,6 +5,7 @@ from functools import cache, partial
 import math
 
 from hypothesis import given, settings, strategies
+import numpy as np
 import pytest
 
 from ballbot_ros.crossing.rules import touch_distance
@@ -320,6 +321,18 @@ def test_a_crossing_of_a_deep_trench_continues_between_its_edges():
             *faces, points=floor, seen_to=3.0)), decision)
         assert decision.kind is Kind.CROSS or position == -0.65
         assert position == -0.65 or decision.plan.edge == pytest.approx(0.16)
+
+
+@pytest.mark.parametrize('height, run', [
+    (0.03, 0.0), (0.03, 0.02), (0.045, 0.093), (0.03, 0.15), (0.3, 0.0), (0.3, 0.05)])
+@pytest.mark.parametrize('slope', [-0.05, 0.0, 0.05])
+def test_the_touch_of_a_face_is_where_the_ball_is_a_radius_away_from_it(height, run, slope):
+    situation = Situation(Motion(0.0, -1.0, 0.0, slope=slope), seen(
+        replace(step(height), run=run)))
+    touch = look_ahead(situation, situation.profile.faces, RADIUS, TUNING).touch
+    face = np.linspace((0.0, 0.0), (run, height), 2001)
+    centre = touch, (touch * math.sin(slope) + RADIUS) / math.cos(slope)
+    assert np.hypot(*(face - centre).T).min() == pytest.approx(RADIUS, abs=1e-5)
 
 
 def test_past_the_last_braking_point_a_plan_keeps_its_end_if_another_face_is_observed():
