@@ -72,7 +72,7 @@ def test_python_names_robots_through_a_process_pool_and_a_run(run):
     assert crossed.startswith('crossed: True, first contact at 0.5')
 
 
-@pytest.mark.parametrize('protocol', ['odrive', 'roboclaw', 'vesc', 'vesc_can'])
+@pytest.mark.parametrize('protocol', ['odrive', 'vesc_can'])  # a serial line and a bus
 def test_an_emulated_drive_turns_its_motor_and_stops(run, protocol):
     positions = [numbers(line)[1] for line in run('emulated_drive.py', protocol).splitlines()
                  if ' rad' in line]

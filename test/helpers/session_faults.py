@@ -322,8 +322,9 @@ def requested_stop(robot):
     robot.session.engage('requested')
 
 
-# Name and fault; the bound of each is in docs/hardware_bridge.md.
-FAULTS = {
+# Name and fault; the bound of each is in docs/hardware_bridge.md.  Only the effect of the second
+# ones depends on the protocol of the drive.
+COMMON_FAULTS = {
     'e-stop requested': requested_stop,
     'encoder frozen, its velocity too': frozen(False), 'encoder frozen': frozen(True),
     'encoder reversed': reversed_encoder(False),
@@ -336,9 +337,11 @@ FAULTS = {
     'IMU in g': in_g, 'IMU upside down': upside_down, 'IMU backwards': mounted_backwards,
     'IMU axes exchanged': exchanged_axes, 'gyro reversed': gyro(lambda rate: -rate),
     'gyro saturated': gyro(lambda rate: max(-0.3, min(rate, 0.3))),
-    'gyro with half the scale': gyro(lambda rate: 0.5 * rate),
+    'gyro with half the scale': gyro(lambda rate: 0.5 * rate)}
+DRIVE_FAULTS = {
     'cable unplugged': unplugged, 'no reply arrives': silent_drive,
     'bytes of replies 1 ms apart': slow_bytes,
     'replies 20 ms later every 0.1 s': growing_latency,
     'replies together every 80 ms': bunched_replies(0.08), 'status not confirmed': lost_status,
     'drive trips': tripped_drive, 'drive reboots': rebooted_drive}
+FAULTS = {**COMMON_FAULTS, **DRIVE_FAULTS}

@@ -15,7 +15,6 @@ from graph import Graph
 import pytest
 
 from ballbot_ros.bridge.hardware_file import load_hardware
-from ballbot_ros.cli.run import NODES
 from ballbot_ros.demo import prepare
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator
@@ -71,8 +70,10 @@ def own_domain():
 @pytest.fixture(scope='session', autouse=True)
 def imported_once():
     """Start the server whose copies are the nodes: an import takes 1.5 s of processor time."""
-    multiprocessing.set_forkserver_preload([f'ballbot_ros.nodes.{name}.node' for name in NODES])
-    forkserver.ensure_running()
+    multiprocessing.set_forkserver_preload(['imported_nodes'])
+    with pytest.MonkeyPatch.context() as patch:  # the server has no other path to this folder
+        patch.setenv('PYTHONPATH', str(Path(__file__).parent), prepend=os.pathsep)
+        forkserver.ensure_running()
 
 
 @pytest.fixture(scope='session', autouse=True)

@@ -172,12 +172,6 @@ class Graph:
         self.wait(lambda: states and to_seconds(states[-1].header.stamp) >= seconds,
                   f'simulated time has reached {seconds:g} s', TIMEOUT + 3.0 * seconds)
 
-    def wait_until_quiet(self, *received):
-        """Wait until the lists receive no more messages."""
-        before = None
-        while before != (before := [len(messages) for messages in received]):
-            self.spin(1.0)
-
     def wait_for_log(self, name, text):
         """Wait until a node has logged a text."""
         self.wait(lambda: text in self.log(name), f'{name} logs {text!r}')

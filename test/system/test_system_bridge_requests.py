@@ -50,7 +50,7 @@ def test_a_requested_transition_ends_the_autostart(graph, motor, hardware):
     while not graph.change_state('bridge', Transition.TRANSITION_CONFIGURE):
         execute(motor, 'plug')  # from here on, autostart could activate the bridge
     graph.wait(lambda: status, 'the loop runs')
-    graph.spin(2.5)
+    graph.wait_for_log('bridge', 'autostart leaves the node inactive, as requested')
     assert status[-1].state == MotorStatus.STATE_E_STOP
     assert 'active;' not in graph.log('bridge')
     assert graph.change_state('bridge', Transition.TRANSITION_ACTIVATE)

@@ -19,6 +19,7 @@ import yaml
 from ballbot_ros.bridge.commissioning import calibration
 from ballbot_ros.bridge.drive_line import connector, handshake
 from ballbot_ros.bridge.hardware_file import load_hardware
+from ballbot_ros.drives.odrive import emulated_board
 from ballbot_ros.emulator.control import execute
 from ballbot_ros.msg import MotorStatus
 from ballbot_ros.nodes.bridge.motor import imu_message
@@ -41,6 +42,7 @@ def items():
 def workshop(tmp_path, capsys, monkeypatch):
     """Return a function that makes a `Workshop`; its drive is unplugged after the test."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(emulated_board, 'CALIBRATION_TIME', 0.1)
     made = []
 
     def make(kind):
@@ -101,6 +103,7 @@ class Walk:
         """Calibrate, as the prompts request."""
         for name in ('RAISE', 'SETTLE', 'LOOK'):
             self.monkeypatch.setattr(calibration, name, 0.4 * getattr(calibration, name))
+        self.monkeypatch.setattr(calibration, 'STEPS', 2)
         self.monkeypatch.setattr('builtins.input', self._answer)
         code, out = self.shop.run(command(item, 'ballbot calibrate-motor'))
         assert code == 0, out + self.shop.complaint

@@ -65,44 +65,32 @@ class Robot:
         return got.result().status, got.result().result
 
 
-@pytest.fixture
-def robot(graph):
-    return Robot(graph)
-
-
 @pytest.mark.slow
-def test_cancellation_stops_the_ball_before_its_goal(robot):
-    handle = robot.send(2.7, 1.4)
-    robot.drive()
-    handle.cancel_goal_async()
-    status, result = robot.result(handle)
-    assert status == GoalStatus.STATUS_CANCELED and result.error_msg.startswith('canceled')
-    assert math.dist(robot.place, (2.7, 1.4)) > 0.2
+def test_goals_are_refused_while_time_is_stopped_then_preempted_and_canceled(graph):
+    robot = Robot(graph)
+    refused = {'off_map': (99.0, 1.4), 'wall': (0.05, 3.0), 'not_finite': (math.nan, 1.4),
+               'feature': (2.9, 3.4)}
+    for goal in refused.values():
+        assert not robot.send(*goal).accepted
+    assert not robot.send(2.6, 1.4, frame='odom').accepted
+    graph.wait(lambda: graph.refusals('navigator') == dict.fromkeys(
+        (*refused, 'wrong_frame'), 1), 'the reasons are on /diagnostics')
+    assert {(one.header.stamp.sec, one.header.stamp.nanosec) for one in robot.odometry} == {(0, 0)}
 
-
-@pytest.mark.slow
-def test_a_new_goal_preempts_the_old_one(robot):
     old = robot.send(2.7, 1.4)
     robot.drive()
     new = robot.send(2.0, 1.4)
     ended = old.get_result_async()
-    robot.graph.wait(ended.done, 'the old goal has ended')
+    graph.wait(ended.done, 'the old goal has ended')
     status, result = ended.result().status, ended.result().result
     assert status == GoalStatus.STATUS_ABORTED and result.error_msg.startswith('preempted')
     status, result = robot.result(new)
     assert status == GoalStatus.STATUS_SUCCEEDED, result.error_msg
     assert math.dist(robot.place, (2.0, 1.4)) < 0.2
 
-
-@pytest.mark.slow
-def test_invalid_goals_are_refused_with_their_reasons_and_time_remains_stopped(robot):
-    refused = {'off_map': (99.0, 1.4), 'wall': (0.05, 3.0), 'not_finite': (math.nan, 1.4),
-               'feature': (2.9, 3.4)}
-    for goal in refused.values():
-        assert not robot.send(*goal).accepted
-    assert not robot.send(2.6, 1.4, frame='odom').accepted
-    robot.graph.wait(lambda: robot.graph.refusals('navigator') == dict.fromkeys(
-        (*refused, 'wrong_frame'), 1), 'the reasons are on /diagnostics')
-    assert {(one.header.stamp.sec, one.header.stamp.nanosec) for one in robot.odometry} == {(0, 0)}
-    # The refusals leave the state of the navigator unchanged.
-    assert robot.send(2.0, 1.4).accepted
+    last = robot.send(2.9, 1.4)
+    robot.drive()
+    last.cancel_goal_async()
+    status, result = robot.result(last)
+    assert status == GoalStatus.STATUS_CANCELED and result.error_msg.startswith('canceled')
+    assert math.dist(robot.place, (2.9, 1.4)) > 0.2

@@ -3,10 +3,10 @@
 from dataclasses import replace
 import re
 import shlex
-import time
 
 from driving import write_hardware
 from stand import StoodBall
+from waiting import wait_until
 
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.cli import main
@@ -67,7 +67,9 @@ class Workshop:
         if self.protocol == 'odrive':
             line = open_line('odrive', self.motor.path, self.motor.baud)
             line.write(''.join(f'{word}\n' for word in done.split(', ')).encode())
-            time.sleep(2.5 if 'calibrates' in remedy else 0.05)
+            # State 1 is idle, which it is not during a calibration.
+            wait_until(lambda: line.read().endswith(b'1\r\n'),
+                       lambda: line.write(b'r axis0.current_state\n'))
             line.close()
             return
         number = float(re.search(r'(\d[0-9.e-]*)(?: \w+)?$', done).group(1))

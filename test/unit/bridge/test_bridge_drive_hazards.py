@@ -10,7 +10,7 @@ from ballbot_ros.bridge.supervisor import StopReason
 from ballbot_ros.drives.can_frames import CanFrame, record
 from ballbot_ros.drives.odrive.cansimple import codec as cansimple
 from ballbot_ros.drives.vesc.can import codec as vesc_can
-from ballbot_ros.drives.vesc.uart.driver import READ_BACK_PERIOD
+from ballbot_ros.drives.vesc.uart import driver as vesc
 
 
 def age_of_measurements(robot, latency, seconds):
@@ -73,16 +73,19 @@ def test_a_limit_of_the_drive_that_is_raised_under_power_engages_the_e_stop():
 @pytest.mark.slow
 @pytest.mark.parametrize('protocol', ['vesc', 'vesc_can'])
 @pytest.mark.parametrize('setting', ['l_current_max', 'timeout'])
-def test_settings_of_a_vesc_that_change_under_power_engage_the_e_stop(protocol, setting):
+def test_settings_of_a_vesc_that_change_under_power_engage_the_e_stop(
+        protocol, setting, monkeypatch):
+    period = 0.5  # instead of 5 s
+    monkeypatch.setattr(vesc, 'READ_BACK_PERIOD', period)
     robot = VirtualRobot(protocol).ready()
-    robot.run(1.1 * READ_BACK_PERIOD, torque=0.1)
+    robot.run(1.1 * period, torque=0.1)
     assert not robot.session.supervisor.e_stop
     device = robot.device
     if setting == 'timeout':
         device.application = device.application._replace(timeout=3.0)
     else:
         device.limits[setting] *= 10.0
-    report = run_until_stopped(robot, 2.2 * READ_BACK_PERIOD)
+    report = run_until_stopped(robot, 2.2 * period)
     assert setting in hazards_of(report) and robot.motor == 0.0
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot with a second motor turns, and each fault of one axis ends the torque of both."""
 from dataclasses import replace
+from itertools import product
 import math
 import random
 
@@ -27,11 +28,12 @@ GIMBALL = load_robot('gimball')
 TURN = SetPoint(Mode.SPEED, 0.5, yaw_rate=0.25)
 STEERING = {'gear_ratio': 50.0}
 
+OTHERS = ('odrive 0.5', 'vesc_can', 'odrive_can 0.6')
 
-SLOW = slow('odrive 0.5', 'vesc_can', 'odrive_can 0.6')
+with_a_roboclaw = pytest.mark.parametrize('robot', ['roboclaw'], indirect=True)
 
 
-@pytest.fixture(params=['roboclaw', *SLOW])
+@pytest.fixture(params=['roboclaw', *slow(*OTHERS)])
 def robot(request):
     """Return a robot that steers, its e-stop released; an ODrive has a port for each motor."""
     return VirtualRobot(request.param, onboard='gentle', steering=True).ready()
@@ -74,6 +76,7 @@ def test_it_turns_at_the_commanded_yaw_rate(robot, speed, yaw_rate):
 
 
 @pytest.mark.slow
+@with_a_roboclaw
 def test_odometry_follows_the_turn(robot):
     for yaw_rate in (0.3, -0.2, 0.0):
         robot.loop(1.5, SetPoint(Mode.SPEED, 0.4, yaw_rate=yaw_rate))
@@ -87,12 +90,14 @@ def test_odometry_follows_the_turn(robot):
 
 
 @pytest.mark.slow
+@with_a_roboclaw
 def test_without_a_yaw_rate_it_drives_straight(robot):
     robot.loop(3.0, SetPoint(Mode.SPEED, 0.5))
     assert robot.lateral.heading == 0.0 and abs(robot.lateral.lean) < 1e-3
 
 
 @pytest.mark.slow
+@with_a_roboclaw
 def test_the_lean_stays_within_the_limit_of_the_robot(robot):
     leans = []
     for _ in range(75):
@@ -110,18 +115,23 @@ def silent_axis(number):
     return plant
 
 
-FAULTS = {
-    'requested': requested_stop, 'unplugged': unplugged, 'silent drive': silent_drive,
-    'silent IMU': silent_imu, 'tripped': tripped_drive, 'rebooted': rebooted_drive,
-    'joint silent': silent_axis(0), 'lean silent': silent_axis(1),
-    'lean frozen': frozen(True, axis=1), 'lean frozen, velocity too': frozen(False, axis=1),
+COMMON_FAULTS = {
     'lean reversed': reversed_encoder(True, axis=1),
-    'lean reversed, velocity too': reversed_encoder(False, axis=1)}
+    'lean reversed, velocity too': reversed_encoder(False, axis=1),
+    'lean frozen': frozen(True, axis=1), 'lean frozen, velocity too': frozen(False, axis=1),
+    'requested': requested_stop, 'silent IMU': silent_imu}
+DRIVE_FAULTS = {
+    'unplugged': unplugged, 'lean silent': silent_axis(1), 'joint silent': silent_axis(0),
+    'silent drive': silent_drive, 'tripped': tripped_drive, 'rebooted': rebooted_drive}
+FAULTS = {**COMMON_FAULTS, **DRIVE_FAULTS}
+QUICK = ('unplugged', 'lean silent', 'lean reversed')
 
 
-@pytest.mark.parametrize('fault', [
-    'unplugged', 'lean silent', 'lean reversed', *slow(*(
-        name for name in FAULTS if name not in ('unplugged', 'lean silent', 'lean reversed')))])
+# Only the faults of line and drive depend on the protocol.
+@pytest.mark.parametrize('robot, fault', [
+    *product(['roboclaw'], QUICK),
+    *slow(*(('roboclaw', fault) for fault in FAULTS if fault not in QUICK),
+          *product(OTHERS, DRIVE_FAULTS))], indirect=['robot'])
 def test_each_fault_of_one_axis_ends_the_torque_of_both(turning, fault):
     robot, first = turning, len(turning.torques)
     FAULTS[fault](robot)

@@ -56,7 +56,7 @@ def changes(decisions):
 
 
 @pytest.mark.parametrize('height, face, latency', [
-    *slow((0.031, 1.2, 0.0), (0.010, 0.6, 0.0)), (0.020, 1.5, 0.5)])
+    *slow((0.031, 1.2, 0.0), (0.010, 0.6, 0.0), (0.025, 1.426, 0.28)), (0.020, 1.5, 0.5)])
 def test_a_step_is_crossed_as_decided(height, face, latency):
     state, _, decisions = drive(height, face, latency=latency)
     kinds = [item.kind for item in decisions if item.reason is not Reason.STALE]

@@ -228,10 +228,10 @@ def test_a_slow_drive_on_a_bus_reads_at_the_rate_of_the_text(scene):
     assert lengths == [9 * RECORD_SIZE, 10 * RECORD_SIZE, 10 * RECORD_SIZE]
 
 
+# All protocols with all faults: test_drives_bad_line.py.
 @pytest.mark.slow
-@pytest.mark.parametrize('protocol', sorted(DRIVES))
-@pytest.mark.parametrize('fault', ['corrupt 0.02', 'drop 0.02', 'duplicate 0.02', 'delay 0.02',
-                                   'garbage 200 from'])
+@pytest.mark.parametrize('protocol, fault', zip(sorted(DRIVES), [
+    'corrupt 0.02', 'drop 0.02', 'duplicate 0.02', 'delay 0.02', 'garbage 200 from']))
 def test_telemetry_stays_true_on_a_bad_line(scene, protocol, fault):
     with made(protocol, scene, seed=5) as emulator:
         link, driver = connect(emulator.path, protocol, emulator.device)

@@ -291,12 +291,18 @@ def test_without_its_keys_a_node_ends_with_a_message(python, monkeypatch, tmp_pa
 
 
 WITHOUT_CLOCK = """
-import os, signal, sys, threading
+import os, signal, sys
 from rclpy.node import Node
 from ballbot_ros.ros import run
+from ballbot_ros.ros.endpoints import create_wall_timer
 run.CLOCK_TIMEOUT = 0.2
-threading.Timer(2.0, os.kill, (os.getpid(), signal.SIGINT)).start()
-sys.exit(run.run(lambda: Node('robot'), ['--ros-args', '-p', f'use_sim_time:={sys.argv[1]}']))
+
+class Robot(Node):
+    def __init__(self):
+        super().__init__('robot')
+        create_wall_timer(self, 0.5, lambda: os.kill(os.getpid(), signal.SIGINT))
+
+sys.exit(run.run(Robot, ['--ros-args', '-p', f'use_sim_time:={sys.argv[1]}']))
 """
 
 

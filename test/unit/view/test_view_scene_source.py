@@ -120,13 +120,16 @@ def test_closing_ends_the_thread_also_while_it_runs(source):
 @pytest.mark.slow
 def test_a_scene_repeats_after_its_duration_until_a_control_changes_it(source):
     source.start()
-    source.apply('speed', 4.0)
+    source.apply('step', 4.9)
     source.apply('pause', False)
     epoch = source.history.epoch
     wait_until(lambda: source.history.epoch > epoch)
     assert source.shown.time < 5.0
     source.apply('set_point', 6.0)
-    wait_until(lambda: source.shown.time > 5.5)
+    source.apply('pause', True)
+    source.apply('step', 5.0)
+    source.apply('pause', False)
+    wait_until(lambda: source.shown.time > 5.2)
 
 
 @pytest.mark.slow
