@@ -170,10 +170,9 @@ def compiled(function: F) -> F:
 
 def unlocked(function: F) -> F:
     """
-    Mark a long-running kernel that is compiled to release the GIL while it runs.
+    Mark a long-running kernel that Python calls, to release the GIL while it runs.
 
-    Concurrent threads must each pass their own work arrays.  Kernels call it instead of inlining
-    it, which saves compile time.
+    Concurrent threads must each pass their own work arrays.
     """
     return _compile(function, nogil=True, forceinline=False)
 

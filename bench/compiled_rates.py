@@ -18,7 +18,7 @@ import peers
 from peers import MOTION
 
 from ballbot_ros.physics.mechanics import equations, modes
-from ballbot_ros.physics.mechanics.contact import contact_table
+from ballbot_ros.physics.mechanics.contact import ContactMode
 from ballbot_ros.physics.mechanics.equations import angle_trig, System
 from ballbot_ros.physics.model.state import COORDINATES, PENDULUM_ANGLE, PENDULUM_RATE, SIZE
 
@@ -65,17 +65,17 @@ def compiled_case(case, with_slopes=True):
     model = case.model
     parameters, ground = model.parameters, model.profile
     actuator = case.actuation.actuator(model.robot, 0.0, case.start.joint_angle)
-    rows = len(contact_table(len(ground)))
-    columns = contact_table(1).shape[1]
-    signs, sign_columns = 2 * len(ground) + 1, modes.COLUMNS
+    (signs, sign_columns), (rows, columns) = (item.shape for item in ContactMode.of(len(ground)))
     room = SIZE + rows * columns
     slope_rows, slope_columns = modes.jacobian_table().shape
 
     @cfunc(SIGNATURE, **OPTIONS)
     def rates(time, motion, out, space):
         found = vector(space, 0, SIZE)
-        equations.derivative(time, vector(motion, 0, MOTION), System(
-            parameters, ground, actuator), table(space, SIZE, rows, columns), found)
+        mode = ContactMode(whole_table(space, room, signs, sign_columns),
+                           table(space, SIZE, rows, columns))
+        equations.derivative(
+            time, vector(motion, 0, MOTION), System(parameters, ground, actuator), mode, found)
         target = vector(out, 0, MOTION)
         for item in range(MOTION):
             target[item] = found[item]
@@ -84,9 +84,8 @@ def compiled_case(case, with_slopes=True):
     def slopes(time, motion, out, space):
         system = System(parameters, ground, actuator)
         state = vector(motion, 0, MOTION)
-        mode = modes.ContactMode(
-            whole_table(space, room, signs, sign_columns),
-            table(space, SIZE, rows, columns))
+        mode = ContactMode(whole_table(space, room, signs, sign_columns),
+                           table(space, SIZE, rows, columns))
         found = table(space, room + signs * sign_columns, slope_rows, slope_columns)
         modes.find_mode(time, state, system, mode)
         modes.write_jacobian(

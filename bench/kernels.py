@@ -22,10 +22,10 @@ STEP = 1e-3  # [s]
 
 
 @compiled
-def call_often(calls, state, system, contacts, rates):
+def call_often(calls, state, system, mode, rates):
     """Call the right-hand side; each call depends on the last, so none is optimized away."""
     for _ in range(calls):
-        equations.derivative(0.0, state, system, contacts, rates)
+        equations.derivative(0.0, state, system, mode, rates)
         state[X] += 1e-15 * rates[Y]
 
 
@@ -61,9 +61,9 @@ def right_hand_side(actuation):
     model, start = crossing()
     vector, rates = np.array(start[1:]), np.zeros(SIZE)
     system = System(model.parameters, model.profile, actuation.actuator(model.robot))
-    contacts = contact.contact_table(len(model.profile))
+    mode = contact.ContactMode.of(len(model.profile))
     return [spent / CALLS for spent in times(lambda: call_often(
-        CALLS, vector, system, contacts, rates))]
+        CALLS, vector, system, mode, rates))]
 
 
 def step_times():

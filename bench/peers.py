@@ -28,7 +28,7 @@ except ImportError:
 def compiled_rates(case):
     """Return our compiled right-hand side as a function of time and motion."""
     model = case.model
-    table = contact.contact_table(len(model.profile))
+    mode = contact.ContactMode.of(len(model.profile))
     system = System(model.parameters, model.profile,
                     case.actuation.actuator(model.robot, 0.0, case.start.joint_angle))
     state, rates = np.zeros(SIZE), np.zeros(SIZE)
@@ -36,7 +36,7 @@ def compiled_rates(case):
 
     def function(time, motion):
         state[:MOTION] = motion
-        derivative(time, state, system, table, rates)
+        derivative(time, state, system, mode, rates)
         return rates[:MOTION].copy()
     return function
 

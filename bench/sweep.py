@@ -5,6 +5,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 import time
 
+import kernels
+
+from ballbot_ros.crossing.max_step_height import WORKSPACE
 from ballbot_ros.physics import load_robot
 from ballbot_ros.studies.parallel_map import worker_pool
 from ballbot_ros.studies.sweep import run_block, run_sweep
@@ -23,10 +26,11 @@ def planned(size):
 
 
 def alone(size=2000):
-    """Return the processor time of one crossing, without a pool [s]."""
+    """Return processor time [s] and right-hand sides of one crossing, without a pool."""
+    WORKSPACE.spent[:] = 0
     begin = time.process_time()
     run_block(planned(size), 0, size)
-    return (time.process_time() - begin) / size
+    return (time.process_time() - begin) / size, WORKSPACE.spent[1] / size
 
 
 def measure():
@@ -46,10 +50,15 @@ def measure():
         yield f'sweep of {size} crossings, each', 'us', [
             1e6 * value / size for value in values], None
     alone()
-    yield 'one crossing, time of a processor', 'us', [
-        1e6 * alone() for _ in range(REPEATS)], None
+    spent, calls = zip(*(alone() for _ in range(REPEATS)))
+    yield 'one crossing, time of a processor', 'us', [1e6 * value for value in spent], None
+    yield 'one crossing, right-hand sides', '', calls, None
     yield 'cost of a case, largest sweep / smallest', 'x', [
         many / few * SIZES[0] / SIZES[-1]
         for few, many in zip(times[SIZES[0]], times[SIZES[-1]])], None
     yield f'a million crossings on {cores} cores, at that rate', 'min', [
         value / SIZES[-1] * MILLION / 60.0 for value in times[SIZES[-1]]], 0.25
+    # A lower bound, see docs/speed_and_accuracy.md.
+    least = min(map(min, kernels.step_times().values()))
+    yield f'a million crossings on {cores} cores, right-hand sides alone', 'min', [
+        value * least * MILLION / cores / 60.0 for value in calls], None

@@ -19,13 +19,13 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # The second-order scheme in place of the fourth-order one of rk4.py.
 MIDPOINT = """\
-    work, contacts = workspace.work, workspace.mode.contacts
+    work, mode = workspace.work, workspace.mode
     probe, k1 = work[values.PROBE:], work[values.STAGES:]
     k2 = work[values.STAGES + WIDTH:]
-    derivative(time, state, system, contacts, k1)
+    derivative(time, state, system, mode, k1)
     for i in range(SIZE):
         probe[i] = state[i] + 0.5 * size * k1[i]
-    derivative(time + 0.5 * size, probe, system, contacts, k2)
+    derivative(time + 0.5 * size, probe, system, mode, k2)
     for i in range(SIZE):
         state[i] += size * k2[i]
 """
@@ -94,7 +94,7 @@ def test_a_fixed_step_method_needs_a_file_and_a_line(house):
     house.copy('physics/solvers/rk4.py', 'physics/solvers/midpoint.py')
     house.change('physics/solvers/midpoint.py',
                  (r'EVALUATIONS = 4', 'EVALUATIONS = 2'),
-                 (r'    work, contacts, first = .*?\Z', MIDPOINT.rstrip()))
+                 (r'    work, mode, first = .*?\Z', MIDPOINT.rstrip()))
     house.change('physics/solvers/fixed_step.py',
                  (r'import rk4,', 'import midpoint, rk4,'),
                  (r"'rk4': rk4}", "'rk4': rk4, 'midpoint': midpoint}"))

@@ -16,7 +16,7 @@ where the ball just gets over, so that a search can interpolate instead of bisec
 import math
 from typing import NamedTuple
 
-from ballbot_ros.jit import compiled, unlocked
+from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.mechanics.contact import IntArray, slip_lever
 from ballbot_ros.physics.mechanics.equations import energies, System
 from ballbot_ros.physics.model.actuation import FREE
@@ -211,7 +211,7 @@ def run_to_verdict(height: float, tolerance: float,
     steep = ground[EDGE_VERTEX, TANGENT_Y] / ground[EDGE_VERTEX, TANGENT_X] if goal > 0.0 else 0.0
     doubt = 10.0 * tolerance * parameters.mass * parameters.gravity
     options = Options(tolerance, 0.0, AUTOMATIC, crossing.budget, False, False)
-    status = status_at(0.0)
+    status = status_at(0.0, FINISHED, 0)
     nearest, farthest, passed, block = -math.inf, -math.inf, 0.0, BLOCK_TIME
     while status.time < course.time_limit:
         for i in range(SIZE):
@@ -252,7 +252,7 @@ def run_to_verdict(height: float, tolerance: float,
     return shortfall(nearest, farthest, falling, goal, crossing), status.time, FINISHED
 
 
-@unlocked
+@outlined
 def attempt(height: float, tolerance: float, crossing: Crossing) -> tuple[float, int]:
     """
     Run one attempt at a step of a height [m]; return score and outcome.
@@ -357,7 +357,7 @@ def descend(high: float, below: float, stride: float, tolerance: float,
         high, below, stride = low, score, 2.0 * stride
 
 
-@unlocked
+@outlined
 def search(width: float, coarse: float, fine: float, guess: float,
            crossing: Crossing) -> Bracket:
     """
@@ -386,7 +386,7 @@ def search(width: float, coarse: float, fine: float, guess: float,
     return low, high, min(low, lowest), max(high, highest), outcome
 
 
-@unlocked
+@outlined
 def find(accuracy: float, crossing: Crossing) -> Bracket:
     """
     Bracket the maximum step height to an accuracy [m], with tolerances as fine as required.

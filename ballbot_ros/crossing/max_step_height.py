@@ -27,7 +27,7 @@ from ballbot_ros.crossing.attempt import (
     attempt, Course, Crossing, find, FINEST, TOO_FAST, VERTICES)
 from ballbot_ros.crossing.rules import check_gravity, HEIGHT, Rules, Site, SPEED, table
 from ballbot_ros.errors import ConfigurationError
-from ballbot_ros.jit import compiled, direct, row_reader, unlocked
+from ballbot_ros.jit import direct, row_reader, unlocked
 from ballbot_ros.physics.mechanics.contact import IntArray
 from ballbot_ros.physics.mechanics.equations import read_actuator, read_parameters, System
 from ballbot_ros.physics.model.actuation import Actuation, refuse_degrees, set_rate_for_speed
@@ -40,17 +40,17 @@ from ballbot_ros.physics.solvers.values import (
     FINISHED, NO_OUTPUT, Output, Packed, unpack_workspace, Workspace)
 
 ATTEMPT_TOLERANCE = 1e-7  # local error per step in `try_step` [m]
-NEVER = NO_OUTPUT.pause  # number of output rows that no run reaches
 BUDGET = 50_000_000  # function evaluations of one attempt; they take seconds
 
-# Columns of the results of steps that were tried: score [m2/s2], see `attempt`, speed from the
-# rotation of the ball at the verdict [m/s], outcome ...
-SCORE, ROLLED, TRIED = range(3)
-# ... and of maximum step heights; see `attempt.find`.
-LOW, HIGH, ERROR, FINE, FOUND = range(5)
+# Columns of the results: the outcome, and for a step that was tried its score [m2/s2], see
+# `attempt`, and the speed from the rotation of the ball at the verdict [m/s] ...
+OUTCOME, SCORE, ROLLED = range(3)
+# ... or for a maximum step height, see `attempt.find`.
+LOW, HIGH, ERROR, FINE = range(1, 5)
+SEARCHED: Array = np.zeros(0)  # the heights of crossings whose maximum step height is searched
 
-# Arrays of `Crossing`: state, before, last, spent, rows of the output, workspace.
-PackedArrays = tuple[Array, Array, Array, IntArray, Array, Packed]
+# Arrays of `Crossing`: state, before, last, spent, output, workspace.
+PackedArrays = tuple[Array, Array, Array, IntArray, Packed, Packed]
 
 
 read_course = row_reader(Course)
@@ -59,42 +59,47 @@ PARAMETERS = len(Course._fields)
 ACTUATOR = PARAMETERS + len(Parameters._fields)
 
 
-@compiled
-def crossing_of(row: Array, ground: Array, budget: int, arrays: PackedArrays) -> Crossing:
-    """Return the crossing of a row, on its ground (4, 7), with the arrays of a thread."""
-    state, before, last, spent, rows, workspace = arrays
-    return Crossing(
-        read_course(row, 0),
-        System(read_parameters(row, PARAMETERS), ground, read_actuator(row, ACTUATOR)),
-        budget, state, before, Output(rows, 0.0, 1.0, NEVER), unpack_workspace(workspace), spent,
-        last)
-
-
 @unlocked
-def try_rows(rows: Array, grounds: Array, heights: Array, tolerance: float, budget: int,
-             results: Array, arrays: PackedArrays) -> None:
+def cross_rows(rows: Array, grounds: Array, heights: Array, precision: float, budget: int,
+               results: Array, arrays: PackedArrays) -> None:
     """
-    Try a step with each crossing, at heights (n,) [m]; for the tolerance see `attempt`.
+    Try a step with each crossing, or find its maximum step height.
 
-    The rows have the fields of Course, Parameters and Actuator, concatenated; the heights
-    of the grounds, (n, 4, 7), and the results, (n, 3), are written.
+    A single kernel does both, because the integrator takes long to compile.
+
+    Parameters
+    ----------
+    rows : (n, 31) array
+        The fields of Course, Parameters and Actuator, concatenated.
+    grounds : (n, 4, 7) array
+        Their heights are overwritten.
+    heights : (n,) array
+        Of the steps to try [m]; `SEARCHED` for the maximum step heights.
+    precision : float
+        Tolerance of `attempt`, or accuracy of `find` [m].
+    budget : int
+        Function evaluations of one attempt.
+    results : (n, 3) or (n, 5) array
+        Overwritten.
+    arrays : tuple
+        See `PackedArrays`; one set for each thread.
+
     """
+    state, before, last, spent, output, workspace = arrays
     for i in range(len(rows)):
-        crossing = crossing_of(rows[i], grounds[i], budget, arrays)
-        results[i, SCORE], results[i, TRIED] = attempt(heights[i], tolerance, crossing)
-        results[i, ROLLED] = -crossing.system.parameters.radius * crossing.state[BALL_RATE]
-
-
-@unlocked
-def find_rows(rows: Array, grounds: Array, accuracy: float, budget: int, results: Array,
-              arrays: PackedArrays) -> None:
-    """Find the maximum step height of each crossing to an accuracy [m]; see `try_rows`."""
-    for i in range(len(rows)):
-        crossing = crossing_of(rows[i], grounds[i], budget, arrays)
-        crossing.spent[:] = 0
-        low, high, error, tolerance, outcome = find(accuracy, crossing)
-        results[i, LOW], results[i, HIGH], results[i, ERROR] = low, high, error
-        results[i, FINE], results[i, FOUND] = tolerance, outcome
+        crossing = Crossing(
+            read_course(rows[i], 0),
+            System(read_parameters(rows[i], PARAMETERS), grounds[i],
+                   read_actuator(rows[i], ACTUATOR)),
+            budget, state, before, Output(*output), unpack_workspace(workspace), spent, last)
+        if len(heights) > 0:
+            results[i, SCORE], results[i, OUTCOME] = attempt(heights[i], precision, crossing)
+            results[i, ROLLED] = -crossing.system.parameters.radius * state[BALL_RATE]
+        else:
+            spent[:] = 0
+            low, high, error, tolerance, outcome = find(precision, crossing)
+            results[i, LOW], results[i, HIGH], results[i, ERROR] = low, high, error
+            results[i, FINE], results[i, OUTCOME] = tolerance, outcome
 
 
 class ThreadWorkspace(local):
@@ -104,7 +109,7 @@ class ThreadWorkspace(local):
         self.state, self.last = np.zeros(SIZE), np.zeros(1)
         self.spent = np.zeros(2, dtype=np.int64)
         self.packed: PackedArrays = (
-            self.state, np.zeros(SIZE), self.last, self.spent, NO_OUTPUT.rows,
+            self.state, np.zeros(SIZE), self.last, self.spent, NO_OUTPUT[:],
             Workspace.of(VERTICES).plain)
 
 
@@ -114,7 +119,7 @@ WORKSPACE = ThreadWorkspace()
 class Crossings(NamedTuple):
     """Any number of crossings, in the format of the kernels."""
 
-    rows: Array  # (n, ...), see `try_rows`
+    rows: Array  # (n, 31), see `cross_rows`
     grounds: Array  # (n, 4, 7)
 
     @classmethod
@@ -130,15 +135,15 @@ class Crossings(NamedTuple):
         return cls(table(numbers, number), site.grounds(robot, number))
 
     def tried(self, heights: Array, tolerance: float, budget: int = BUDGET) -> Array:
-        """Return the results at a step of each height [m]; see `try_rows`."""
+        """Return the results at a step of each height [m]; see `cross_rows`."""
         results = np.empty((len(self.rows), 3))
-        direct(try_rows)(*self, heights, tolerance, budget, results, WORKSPACE.packed)
+        direct(cross_rows)(*self, heights, tolerance, budget, results, WORKSPACE.packed)
         return results
 
     def found(self, accuracy: float) -> Array:
-        """Return the maximum step heights to an accuracy [m]; see `find_rows`."""
+        """Return the maximum step heights to an accuracy [m]; see `cross_rows`."""
         results = np.empty((len(self.rows), 5))
-        direct(find_rows)(*self, accuracy, BUDGET, results, WORKSPACE.packed)
+        direct(cross_rows)(*self, SEARCHED, accuracy, BUDGET, results, WORKSPACE.packed)
         return results
 
 
@@ -206,7 +211,7 @@ def max_step_height(robot: RobotLike, speed: float, actuation: Actuation = Actua
     scan = check_value('scan', scan, SCAN, 'max_step_height')
     robot = load_robot(robot)
     crossing = _prepare(robot, speed, actuation, pendulum_angle, site, rules, options)
-    low, high, error, fine, outcome = crossing.found(accuracy)[0].tolist()
+    outcome, low, high, error, fine = crossing.found(accuracy)[0].tolist()
     if outcome == TOO_FAST:
         raise ConfigurationError(
             f'no step up to {high:g} m stops {robot.name!r} at {speed:g} m/s: this speed is '
@@ -247,7 +252,7 @@ def try_step(robot: RobotLike, speed: float, height: float, actuation: Actuation
 
 def _try(height: float, tolerance: float, crossing: Crossings) -> Tuple[bool, float]:
     """Return whether the ball gets over, and the score."""
-    score, _, outcome = crossing.tried(np.array([height]), tolerance)[0].tolist()
+    outcome, score, _ = crossing.tried(np.array([height]), tolerance)[0].tolist()
     _check(outcome, tolerance)
     return score > 0.0, score
 

@@ -133,7 +133,7 @@ class MujocoRun:
         self.start = self.own.at_rest(self.begin, speed, case.pendulum_angle)
         self.drive = case.actuation.actuator(robot, 0.0, self.start.joint_angle)
         self.driven = self.drive.law != FREE
-        self.table = contact.contact_table(len(self.own.profile))
+        self.mode = contact.ContactMode.of(len(self.own.profile))
         self.vector = np.zeros(SIZE)
         self.model = mujoco.MjModel.from_xml_string(
             write_model(robot, height, step, integrator, own_contact=law != 'forces'))
@@ -170,7 +170,7 @@ class MujocoRun:
         force = data.qfrc_passive
         if self.forces:
             force[:3] += contact.contact_loads(
-                state, self.own.parameters, self.own.profile, self.table)[:3]
+                state, self.own.parameters, self.own.profile, self.mode)[:3]
         if self.driven:
             state[PENDULUM_ANGLE] = place[2] + place[3]
             state[PENDULUM_RATE] = rates[2] + rates[3]

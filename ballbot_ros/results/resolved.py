@@ -28,13 +28,13 @@ def resolved(run: Trajectory) -> Iterator[Trajectory]:
         return
     start = run.state(0)
     actuator = run.scene.actuation.actuator(run.model.robot, start.time, start.joint_angle)
-    integrator = Integrator(run.model.parameters, run.model.profile, solver,
-                            flight=solver.models != 'full')
+    integrator = Integrator(run.model.parameters, run.model.profile, solver)
     samples = max(1, BLOCK_ROWS // parts)
     for first in range(0, len(run) - 1, samples):
         given = run.rows[first:first + samples + 1]
         rows = np.empty((1 + parts * (len(given) - 1), given.shape[1]))
         rows[0], step = given[0], gap / parts
+        integrator.workspace.statistics[:] = 0
         status = integrator.advance(
             actuator, given[0, 1:-1].copy(), Status(FINISHED, given[0, 0]),
             given[0, 0] + (len(rows) - 1) * step, Output(rows[1:], given[0, 0], step))

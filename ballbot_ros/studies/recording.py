@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measurements of a run, with separate times for each channel."""
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Dict, Mapping, Optional, Tuple
 
 import numpy as np
@@ -134,7 +134,7 @@ def _driven(model: Model, scene: Scene, recording: Recording, solver: Solver) ->
             'recording: there is no column pendulum_torque to apply', 'missing', 'pendulum_torque')
     state = scene.initial.state(model)
     vector, status = np.array(state[1:]), Status(FINISHED, state.time)
-    integrator = Integrator(model.parameters, model.profile, solver)
+    integrator = Integrator(model.parameters, model.profile, replace(solver, models='full'))
     times, torques = recording.torque
     rows = [[*state, 0.0]]
     for moment, torque in zip(times.tolist(), torques.tolist()):

@@ -14,7 +14,7 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 import numpy as np
 
 from ballbot_ros.crossing import max_step_height, try_step
-from ballbot_ros.crossing.max_step_height import ATTEMPT_TOLERANCE, ERROR, FOUND, LOW
+from ballbot_ros.crossing.max_step_height import ATTEMPT_TOLERANCE, ERROR, LOW, OUTCOME
 from ballbot_ros.errors import BallbotError, ConfigurationError
 from ballbot_ros.physics.solvers.values import FINISHED
 from ballbot_ros.results.files import load_arrow, replacing
@@ -56,11 +56,11 @@ def run_block(plan: SweepPlan, first: int, stop: int) -> Dict[str, List[Any]]:
     if prepared is not None:
         crossings, heights, which = prepared
         if heights is None:
-            ran = crossings.found(plan.accuracy)[:, [LOW, ERROR, FOUND]].tolist()
+            ran = crossings.found(plan.accuracy)[:, [OUTCOME, LOW, ERROR]].tolist()
         else:
-            ran = [(score > 0.0, score, outcome) for score, _, outcome in crossings.tried(
+            ran = [(outcome, score > 0.0, score) for outcome, score, _ in crossings.tried(
                 heights, ATTEMPT_TOLERANCE).tolist()]
-        for place, (*found, outcome) in zip(np.flatnonzero(which).tolist(), ran):
+        for place, (outcome, *found) in zip(np.flatnonzero(which).tolist(), ran):
             if outcome == FINISHED:
                 results[place] = *found, None
     for place, values in enumerate(rows.tolist()):

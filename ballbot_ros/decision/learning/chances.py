@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from ballbot_ros.crossing.attempt import LEAST
 from ballbot_ros.crossing.max_step_height import (
-    ACTUATOR, Crossings, PARAMETERS, ROLLED, SCORE, TRIED)
+    ACTUATOR, Crossings, OUTCOME, PARAMETERS, ROLLED, SCORE)
 from ballbot_ros.crossing.rules import held_at, Rules, Site
 from ballbot_ros.decision.learning.outcomes import Outcome
 from ballbot_ros.decision.learning.particles import (
@@ -171,7 +171,7 @@ def _crossings(robot: Robot, touching: Touching, speeds: ArrayLike, rows: Array,
 def _scores(crossings: Crossings, heights: Array) -> Array:
     """Return score [m2/s2] and final speed [m/s], (n, 2), at steps; NaN for failed attempts."""
     results = crossings.tried(heights, SOLVER_TOLERANCE, EVALUATIONS_MAX)
-    results[results[:, TRIED] != FINISHED, SCORE] = np.nan
+    results[results[:, OUTCOME] != FINISHED, SCORE] = np.nan
     return results[:, [SCORE, ROLLED]]
 
 

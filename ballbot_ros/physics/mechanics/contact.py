@@ -25,7 +25,7 @@ eq. (10).
 These laws have kinks.  Between them they are smooth, and two signs select the smooth piece:
 *pressed*, of the normal force (0 where the damper would pull but must not), and *sliding*, of a
 slip beyond the threshold (0 within it).  With the signs of the state itself (`pressed_sign`,
-`sliding_sign`) a load follows the law; with those of a frozen mode (see `modes`) it is the smooth
+`sign_beyond`) a load follows the law; with those of a frozen mode (see `modes`) it is the smooth
 continuation for an integrator.
 
 With normal n, tangent t, distance d from the centre, and curvature kappa (0 on a segment, 1/d on a
@@ -38,6 +38,7 @@ The fraction by which a CORNER reduces the friction of its neighbours also depen
 position; this term is omitted.
 """
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +60,6 @@ Response = tuple[Accelerations, Compliance]
 SUMMED: Response = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0, 1.0, 1.0)
 ContactSum = tuple[float, float, float, float, float, float]  # see `contact_sum`
 OWN, FROZEN, QUICK = range(3)  # forms of a `contact_sum`
-NO_SIGNS: IntArray = np.zeros((0, 3), dtype=np.int64)
 
 # Kinds of contact; the values are those of the message ballbot_ros/Contact.
 SURFACE = 1
@@ -72,6 +72,18 @@ COLUMNS = 8  # the last one is the feature
 
 # Columns of the active pieces of the law, a row per contact from left to right; see `modes`.
 FEATURE, PRESSED, SLIDING = range(3)
+
+
+class ContactMode(NamedTuple):
+    """The active piece of the contact law, see `modes`, and a table of contacts."""
+
+    signs: IntArray  # (2 n + 1, 3), see above; the last row has the columns of `modes`
+    contacts: Array  # (2 n, 8): the contacts of the last evaluated state
+
+    @classmethod
+    def of(cls, vertices: int) -> 'ContactMode':
+        """Return an empty mode for all contacts that a profile can have."""
+        return cls(np.zeros((2 * vertices + 1, 3), dtype=np.int64), contact_table(vertices))
 
 
 @compiled
@@ -143,12 +155,6 @@ def pressed_sign(force: float, parameters: Parameters) -> int:
 
 
 @compiled
-def sliding_sign(slip: float, parameters: Parameters) -> int:
-    """Return the sign of a slip beyond the threshold of eq. (9), 0 within it."""
-    return sign_beyond(slip, parameters.slip_threshold)
-
-
-@compiled
 def sign_beyond(value: float, limit: float) -> int:
     """Return the sign of a value beyond +-limit, 0 within."""
     return int(value > limit) - int(value < -limit)
@@ -214,7 +220,7 @@ def contact_force(state: Array, parameters: Parameters, contacts: Array,
     """
     force, slip = force_and_slip(state, parameters, contacts, row)
     normal, friction = normal_and_friction(
-        force, slip, pressed_sign(force, parameters), sliding_sign(slip, parameters),
+        force, slip, pressed_sign(force, parameters), sign_beyond(slip, parameters.slip_threshold),
         parameters, contacts[row, FRICTION])
     if contacts[row, KIND] == CORNER:
         return -normal, 0.0, slip
@@ -447,8 +453,8 @@ def find_contacts(x: float, y: float, radius: float, ground: Array, contacts: Ar
 
 
 @compiled
-def contact_sum(motion: Array, parameters: Parameters, ground: Array, contacts: Array,
-                signs: IntArray, count: int, form: int, response: Response) -> ContactSum:
+def contact_sum(motion: Array, parameters: Parameters, ground: Array, mode: ContactMode,
+                count: int, form: int, response: Response) -> ContactSum:
     """
     Return the sum of all contact loads on the ball: eqs. (7) to (10).
 
@@ -458,11 +464,9 @@ def contact_sum(motion: Array, parameters: Parameters, ground: Array, contacts: 
     parameters : Parameters
     ground : (n, 7) array
         See `Terrain.profile`.
-    contacts : (2 n, 8) array
-        The table of the contacts.
-    signs : (m, 3) array
-        Features and signs of the contacts, see `modes`.
+    mode : ContactMode
     count : int
+        Number of contacts.
     form : int
         OWN: contacts from the table, pieces of the law from the motion.  FROZEN: contacts from
         the table, pieces from the signs.  QUICK: features and pieces from the signs, without the
@@ -481,6 +485,7 @@ def contact_sum(motion: Array, parameters: Parameters, ground: Array, contacts: 
     """
     (turn, swing, along_x, along_y), (sway_x, sway_y, own_x, cross, own_y, per_inertia) = response
     contact_loss = friction_loss = 0.0
+    signs, contacts = mode.signs, mode.contacts
     velocity_x, velocity_y, spin = motion[VELOCITY_X], motion[VELOCITY_Y], motion[BALL_RATE]
     for row in range(count):
         sign = 1.0  # the normal force of a CORNER counts negatively
@@ -500,7 +505,8 @@ def contact_sum(motion: Array, parameters: Parameters, ground: Array, contacts: 
         if form != OWN:
             pressed, sliding = signs[row, PRESSED], signs[row, SLIDING]
         else:
-            pressed, sliding = pressed_sign(force, parameters), sliding_sign(slip, parameters)
+            pressed = pressed_sign(force, parameters)
+            sliding = sign_beyond(slip, parameters.slip_threshold)
         pressing, rubbing = normal_and_friction(
             force, slip, pressed, sliding, parameters, friction)
         # All power except that of the spring is dissipated, even for a clipped pulling force.
@@ -520,30 +526,24 @@ def contact_sum(motion: Array, parameters: Parameters, ground: Array, contacts: 
 
 
 @compiled
-def loads_of(motion: Array, parameters: Parameters, ground: Array, contacts: Array,
-             signs: IntArray, count: int, form: int) -> Loads:
+def loads_of(motion: Array, parameters: Parameters, ground: Array, mode: ContactMode, count: int,
+             form: int) -> Loads:
     """
     Return force_x, force_y [N], torque about the centre [N m], and the losses of `contact_sum`.
 
     The torque is counter-clockwise, eq. (10).
     """
     torque, _, force_x, force_y, contact_loss, friction_loss = contact_sum(
-        motion, parameters, ground, contacts, signs, count, form, SUMMED)
+        motion, parameters, ground, mode, count, form, SUMMED)
     return force_x, force_y, torque, contact_loss, friction_loss
 
 
 @compiled
-def found_loads(motion: Array, parameters: Parameters, ground: Array, contacts: Array,
-                count: int) -> Loads:
-    """Return the loads of the contacts that `find_contacts` has found, see `loads_of`."""
-    return loads_of(motion, parameters, ground, contacts, NO_SIGNS, count, OWN)
-
-
-@compiled
-def contact_loads(motion: Array, parameters: Parameters, ground: Array, contacts: Array) -> Loads:
-    """Find all contacts of a motion, and return their loads, see `loads_of`."""
-    count = find_contacts(motion[X], motion[Y], parameters.radius, ground, contacts)
-    return found_loads(motion, parameters, ground, contacts, count)
+def contact_loads(motion: Array, parameters: Parameters, ground: Array, mode: ContactMode
+                  ) -> Loads:
+    """Write all contacts of a motion into the table of a mode, and return their `loads_of`."""
+    count = find_contacts(motion[X], motion[Y], parameters.radius, ground, mode.contacts)
+    return loads_of(motion, parameters, ground, mode, count, OWN)
 
 
 @compiled
@@ -570,15 +570,14 @@ def add_load(out: Array, load: int, factor: float,
 
 
 @compiled
-def add_contact(state: Array, parameters: Parameters, ground: Array, contacts: Array,
-                signs: IntArray, row: int, smooth: bool,
-                out: Array) -> tuple[float, float, float]:
+def add_contact(state: Array, parameters: Parameters, ground: Array, mode: ContactMode, row: int,
+                smooth: bool, out: Array) -> tuple[float, float, float]:
     """
     Add the derivatives of a contact's loads by x, y, velocity_x, velocity_y, ball_rate.
 
     Parameters
     ----------
-    state, parameters, ground, contacts, signs
+    state, parameters, ground, mode
         See `contact_sum`; the table is read only if not all contacts are `smooth`.
     row : int
         Row of the contact.
@@ -591,6 +590,7 @@ def add_contact(state: Array, parameters: Parameters, ground: Array, contacts: A
         The loads [N], [N m].
 
     """
+    signs, contacts = mode.signs, mode.contacts
     feature = signs[row, FEATURE]
     normal_x, normal_y, distance, coefficient = meeting(feature, state[X], state[Y], ground)
     corner = False

@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 from ballbot_ros.jit import compiled, row_reader
 from ballbot_ros.physics.mechanics.contact import (
-    Accelerations, Compliance, contact_loads, Loads, Response, spring_energy)
+    Accelerations, Compliance, contact_loads, ContactMode, Loads, Response, spring_energy)
 from ballbot_ros.physics.model.actuation import Actuator, actuator_torque
 from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import (
@@ -181,7 +181,8 @@ def write_rates(state: Array, parameters: Parameters, loads: Loads, motor: float
 
 
 @compiled
-def derivative(time: float, state: Array, system: System, contacts: Array, rates: Array) -> None:
+def derivative(time: float, state: Array, system: System, mode: ContactMode, rates: Array
+               ) -> None:
     """
     Write the time derivative of `state` into `rates`.
 
@@ -192,12 +193,12 @@ def derivative(time: float, state: Array, system: System, contacts: Array, rates
     state, rates : (13,) arrays
         In the order of `model.state`.
     system : System
-    contacts : (2 n, 8) array
-        Filled with the contacts, see `contact.contact_table`.
+    mode : ContactMode
+        Its table is filled with the contacts; its signs are not used.
 
     """
     parameters = system.parameters
-    loads = contact_loads(state, parameters, system.ground, contacts)
+    loads = contact_loads(state, parameters, system.ground, mode)
     motor = 0.0
     if parameters.swing_inertia > 0.0:
         motor = actuator_torque(time, state, system.actuator)

@@ -17,16 +17,14 @@ part is a table of four rows (the accelerations) and nine columns (four coordina
 velocities, time).  It is complete if all contacts are smooth, see `contact`.
 """
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.mechanics.contact import (
-    Accelerations, add_contact, contact_sum, contact_table, CORNER, FEATURE, feature_guard,
+    Accelerations, add_contact, contact_sum, ContactMode, CORNER, FEATURE, feature_guard,
     find_contacts, force_and_slip, FRICTION, FROZEN, IntArray, KIND, loads_of, PRESSED,
-    pressed_sign, QUICK, share_friction, sign_beyond, SLIDING, sliding_sign, TOUCHED,
-    touches, write_contact)
+    pressed_sign, QUICK, share_friction, sign_beyond, SLIDING, TOUCHED, touches, write_contact)
 from ballbot_ros.physics.mechanics.equations import (
     AngleTrig, Direction, direction_near, System, unforced, write_rates)
 from ballbot_ros.physics.model.actuation import torque_asked, torque_slopes, unsaturated_torque
@@ -34,12 +32,11 @@ from ballbot_ros.physics.model.state import (
     BALL_RATE, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, X, Y)
 from ballbot_ros.physics.model.terrain import Array
 
-# Columns of the signs of a mode: a row per active contact, see `contact`,
-# and in the last row:
+# Columns of the last row of the signs of a mode; the others, one per active contact, have the
+# columns of `contact`.
 MOTOR = 0     # sign of the torque where it is at its limit, 0 within
 COUNT = 1     # number of active contacts
 CORNERS = 2   # number of CORNERs among them
-COLUMNS = 3
 
 # Rows of a Jacobian: the accelerations, in the order of the state vector.
 BALL, PENDULUM, ALONG_X, ALONG_Y = range(4)
@@ -48,18 +45,6 @@ TIME = 8  # the last column; the first eight are those of the state vector
 # x, y, velocity_x, velocity_y, ball_rate.
 LOADS = 4
 ROWS = 7
-
-
-class ContactMode(NamedTuple):
-    """The active piece of the contact law."""
-
-    signs: IntArray  # (2 n + 1, 3), see above
-    contacts: Array  # (2 n, 8): the table of its contacts, at the last evaluated state
-
-    @classmethod
-    def of(cls, vertices: int) -> 'ContactMode':
-        """Return an empty mode for all contacts that a profile can have."""
-        return cls(np.zeros((2 * vertices + 1, COLUMNS), dtype=np.int64), contact_table(vertices))
 
 
 @compiled
@@ -100,8 +85,8 @@ def mode_derivative(time: float, state: Array, system: System, mode: ContactMode
                     rates: Array) -> None:
     """Write the time derivative of `state` by the formulas of a frozen mode."""
     write_contacts(state, system, mode)
-    loads = loads_of(state, system.parameters, system.ground, mode.contacts, mode.signs,
-                     contact_count(mode), FROZEN)
+    loads = loads_of(
+        state, system.parameters, system.ground, mode, contact_count(mode), FROZEN)
     motor = mode_torque(time, state, math.sin(state[PENDULUM_ANGLE]), system, mode)
     write_rates(state, system.parameters, loads, motor, rates)
 
@@ -129,8 +114,8 @@ def mode_accelerations(time: float, motion: Array, start: AngleTrig, system: Sys
     pendulum_trig = direction_near(motion[PENDULUM_ANGLE], start)
     motor = mode_torque(time, motion, pendulum_trig[0], system, mode)
     turn, swing, along_x, along_y, _, _ = contact_sum(
-        motion, system.parameters, system.ground, mode.contacts, mode.signs, contact_count(mode),
-        QUICK, unforced(motion, pendulum_trig, motor, system.parameters))
+        motion, system.parameters, system.ground, mode, contact_count(mode), QUICK,
+        unforced(motion, pendulum_trig, motor, system.parameters))
     return turn, swing, along_x, along_y
 
 
@@ -155,7 +140,7 @@ def find_mode(time: float, state: Array, system: System, mode: ContactMode) -> i
         signs[last, CORNERS] += int(mode.contacts[row, KIND] == CORNER)
         force, slip = force_and_slip(state, parameters, mode.contacts, row)
         signs[row, PRESSED] = pressed_sign(force, parameters)
-        signs[row, SLIDING] = sliding_sign(slip, parameters)
+        signs[row, SLIDING] = sign_beyond(slip, parameters.slip_threshold)
     signs[last, MOTOR] = sign_beyond(unsaturated_torque(time, state, actuator), actuator.limit)
     return count
 
@@ -275,8 +260,7 @@ def write_jacobian(time: float, state: Array, pendulum_trig: Direction, system: 
     force_x = force_y = torque = 0.0
     for row in range(contact_count(mode)):
         share_x, share_y, turn = add_contact(
-            state, parameters, system.ground, mode.contacts, mode.signs, row,
-            smooth_contacts(mode), out[LOADS:])
+            state, parameters, system.ground, mode, row, smooth_contacts(mode), out[LOADS:])
         force_x += share_x
         force_y += share_y
         torque += turn

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A model advances the state of the ball as a pure function."""
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 import math
 from typing import Optional
@@ -213,6 +213,7 @@ class Model:
         if solver.fixed:
             check_work(solver, steps)
             ledger = Ledger(self.parameters, self.profile, vector)
+        self._integrator.workspace.statistics[:] = 0
         status = self._integrator.advance(
             actuator, vector, Status(FINISHED, state.time),
             state.time + steps * solver.step)
@@ -232,7 +233,9 @@ class Model:
 
     @cached_property
     def _integrator(self) -> Integrator:
-        return Integrator(self.parameters, self.profile, self.solver_in_use)
+        # A control period is shorter than most flights.
+        return Integrator(
+            self.parameters, self.profile, replace(self.solver_in_use, models='full'))
 
     def torque(self, state: State, actuator: Actuator) -> float:
         """Return the torque of the pendulum motor [N m]."""

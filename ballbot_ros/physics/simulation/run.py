@@ -168,8 +168,7 @@ def run_once(model: Model, start: State, actuation: Actuation, duration: float,
     rows = np.empty((1 + count, 2 + SIZE))
     rows[0] = [*start, model.torque(start, actuator)]
     end, status = start.time + count * every * tick, Status(FINISHED, start.time)
-    integrator = Integrator(model.parameters, model.profile, solver,
-                            flight=solver.models != 'full')
+    integrator = Integrator(model.parameters, model.profile, solver)
     ledger = Ledger(model.parameters, model.profile, vector)
 
     def so_far(samples: int) -> Trajectory:
@@ -180,8 +179,7 @@ def run_once(model: Model, start: State, actuation: Actuation, duration: float,
             before = status.filled
             status = integrator.advance(
                 actuator, vector, status, end,
-                Output(rows[1:], start.time, output_step, before + CHUNK),
-                solver.work_budget)
+                Output(rows[1:], start.time, output_step, before + CHUNK))
             done = status.filled
             if status.outcome not in (FINISHED, PAUSED):
                 error = failure(status.outcome, start.time + (done + 1) * output_step, vector,

@@ -6,7 +6,7 @@ The integration methods by name, the choice of one, its use from Python, and fai
 """
 from dataclasses import dataclass
 import math
-from typing import Callable, NamedTuple, Optional
+from typing import Callable, NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,8 @@ from ballbot_ros.physics.solvers import fixed_step, integrate, trapezoidal
 from ballbot_ros.physics.solvers.controller import STEP_METHODS
 from ballbot_ros.physics.solvers.fixed_step import FIXED_STEP_METHODS
 from ballbot_ros.physics.solvers.values import (
-    AUTOMATIC, BUDGET_EXCEEDED, EVALUATIONS, NO_OUTPUT, Options, Output, Packed, PENETRATED,
-    SEARCH, Status, status_of, STEP_TOO_SMALL, Workspace)
+    AUTOMATIC, BUDGET_EXCEEDED, NO_OUTPUT, Options, Output, Packed, PENETRATED, Status, status_of,
+    STEP_TOO_SMALL, Workspace)
 
 
 class Method(NamedTuple):
@@ -106,26 +106,22 @@ class Integrator:
     """
     Advances states; one for each thread.
 
-    The ground is that of `Terrain.profile`; `flight` enables flight in closed form, if the method
-    has it.  Each call overwrites the `workspace`, except its statistics, which accumulate.
+    The ground is that of `Terrain.profile`.  Each call overwrites the `workspace`, except its
+    statistics, which accumulate: the work budget of the solver applies to them.
     """
 
-    def __init__(self, parameters: Parameters, ground: Array, solver: Solver,
-                 flight: bool = False) -> None:
-        self._parameters, self._ground, self._solver = parameters[:], ground, solver
-        self._method = METHODS[solver.method]
-        self._flight = flight and self._method.flies
+    def __init__(self, parameters: Parameters, ground: Array, solver: Solver) -> None:
+        self._parameters, self._ground = parameters[:], ground
+        method = METHODS[solver.method]
+        self._advance = method.advance
+        self._options = Options(
+            solver.tolerance, solver.step, method.steps, solver.work_budget,
+            method.flies and solver.models != 'full')[:]
         self.workspace = Workspace.of(len(ground))
         self._workspace = self.workspace.plain
 
-    @property
-    def work(self) -> int:
-        """Return the number of right-hand sides that all calls have taken."""
-        statistics = self.workspace.statistics
-        return int(statistics[EVALUATIONS] + statistics[SEARCH])
-
     def advance(self, actuator: Actuator, state: Array, status: Status, end: float,
-                output: Output = NO_OUTPUT, budget: Optional[int] = None) -> Status:
+                output: Output = NO_OUTPUT) -> Status:
         """
         Advance a state in place.
 
@@ -139,18 +135,11 @@ class Integrator:
             [s]
         output : Output, optional
             Rows to fill.
-        budget : int, optional
-            `work` at which the run ends; by default after the work budget of the solver.
 
         """
-        solver = self._solver
-        if budget is None:
-            budget = self.work + solver.work_budget
-        options = Options(
-            solver.tolerance, solver.step, self._method.steps, budget, self._flight)
-        return status_of(direct(self._method.advance)((
-            status.plain, end, state, (self._parameters, self._ground, actuator[:]), options[:],
-            output[:], self._workspace)))
+        return status_of(direct(self._advance)((
+            status.plain, end, state, (self._parameters, self._ground, actuator[:]),
+            self._options, output[:], self._workspace)))
 
 
 # Energy residual, relative to the energy in play, at which a run is stopped. In an accurate run it

@@ -68,10 +68,8 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
     start = angle_trig(state[PENDULUM_ANGLE])
     for i in range(MOTION):
         work[values.START + i] = state[i]
-    if ready == NOTHING:
-        write_rates(time, values.START, values.F0, start, system, workspace)
-        workspace.statistics[EVALUATIONS] += 1
-    for stage in range(1, STAGES):
+    first = 0 if ready == NOTHING else 1
+    for stage in range(first, STAGES):
         if stage == STAGES - 1:
             sum_rows(work, values.PROBE, values.END, 0.0, ALONE, 0, values.ZERO, 1)
         sum_rows(work, values.END, values.START, size, STARTS, (STAGES - 1) * stage, values.F0,
@@ -85,7 +83,7 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
         apart += moved * moved
         faster += changed * changed
     sum_rows(work, values.ERROR, values.ZERO, size, ERROR, 0, values.F0, STAGES)
-    workspace.statistics[EVALUATIONS] += STAGES - 1
+    workspace.statistics[EVALUATIONS] += STAGES - first
     stiffness = size * math.sqrt(faster / apart) / STABLE if apart > 0.0 else 0.0
     return stiffness, max(ready, RATES)
 

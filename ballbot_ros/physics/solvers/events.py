@@ -17,11 +17,11 @@ import math
 
 from ballbot_ros.jit import compiled, outlined
 from ballbot_ros.physics.mechanics.contact import (
-    away_from, clear_time, FEATURE, meeting, PRESSED, SLIDING, touches)
+    away_from, clear_time, ContactMode, FEATURE, meeting, PRESSED, SLIDING, touches)
 from ballbot_ros.physics.mechanics.equations import System
 from ballbot_ros.physics.mechanics.modes import (
-    contact_count, ContactMode, guard_of, in_contact, MOTOR, OF_FEATURE, OF_FORCE,
-    smooth_contacts, violated_guards)
+    contact_count, guard_of, in_contact, MOTOR, OF_FEATURE, OF_FORCE, smooth_contacts,
+    violated_guards)
 from ballbot_ros.physics.model.actuation import torque_slopes, unsaturated_torque
 from ballbot_ros.physics.model.contact_laws import damping_bound
 from ballbot_ros.physics.model.state import (

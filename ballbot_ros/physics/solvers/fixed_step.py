@@ -8,24 +8,17 @@ import math
 
 import numpy as np
 
-from ballbot_ros.jit import by_number, compiled, outlined
+from ballbot_ros.jit import by_number, outlined
 from ballbot_ros.physics.solvers import rk4, semi_implicit
 from ballbot_ros.physics.solvers.dense import write_row
 from ballbot_ros.physics.solvers.values import (
-    EVALUATIONS, FINISHED, outcome_of, Packed, packed, PAUSED, Status, STEPS, unpack_call)
+    EVALUATIONS, FINISHED, outcome_of, Packed, packed, PAUSED, status_at, STEPS, unpack_call)
 
 # To add a method, add its file, and its name here.
 FIXED_STEP_METHODS = {'semi_implicit': semi_implicit, 'rk4': rk4}
 PER_STEP = np.array([item.EVALUATIONS for item in FIXED_STEP_METHODS.values()])
 
 step = by_number('step', FIXED_STEP_METHODS.values())
-
-
-@compiled
-def moved(status: Status, outcome: int, time: float, filled: int) -> Packed:
-    """Return the status of a run that has reached another time."""
-    return packed(Status(outcome, time, filled, status.controller, status.rate, status.has_mode,
-                         status.ready, status.may_fly, status.before))
 
 
 @outlined
@@ -42,15 +35,15 @@ def advance(call: Packed) -> Packed:
         # Times are computed from the start, so that rounding does not accumulate.
         begin = start + stretch * steps * size
         if filled >= output.pause:
-            return moved(status, PAUSED, begin, filled)
+            return packed(status_at(begin, PAUSED, filled))
         for done in range(steps):
             step(options.method, begin + done * size, state, size, system, workspace)
             outcome = outcome_of(state, system.ground)
             if outcome != FINISHED:
-                return moved(status, outcome, begin + (done + 1) * size, filled)
+                return packed(status_at(begin + (done + 1) * size, outcome, filled))
         workspace.statistics[STEPS] += steps
         workspace.statistics[EVALUATIONS] += steps * PER_STEP[options.method]
         if filled < len(output.rows):
             write_row(output, filled, begin + steps * size, state, system.actuator)
             filled += 1
-    return moved(status, FINISHED, start + count * steps * size, filled)
+    return packed(status_at(start + count * steps * size, FINISHED, filled))

@@ -32,9 +32,10 @@ import math
 import numpy as np
 
 from ballbot_ros.jit import compiled, outlined
-from ballbot_ros.physics.mechanics.contact import clear_time, PRESSED, spring_energy
+from ballbot_ros.physics.mechanics.contact import (
+    clear_time, ContactMode, PRESSED, spring_energy)
 from ballbot_ros.physics.mechanics.equations import System
-from ballbot_ros.physics.mechanics.modes import contact_count, ContactMode
+from ballbot_ros.physics.mechanics.modes import contact_count
 from ballbot_ros.physics.model.actuation import Actuator, FREE, limited, TORQUE, VOLTAGE
 from ballbot_ros.physics.model.contact_laws import LEAVES_FREELY
 from ballbot_ros.physics.model.robot import Parameters

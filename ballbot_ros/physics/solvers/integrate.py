@@ -14,10 +14,9 @@ closed form, the ball flies to its next touch in one step without error (`flight
 import math
 
 from ballbot_ros.jit import compiled, outlined
-from ballbot_ros.physics.mechanics.contact import features_within
+from ballbot_ros.physics.mechanics.contact import ContactMode, features_within
 from ballbot_ros.physics.mechanics.equations import System
-from ballbot_ros.physics.mechanics.modes import (
-    contact_count, ContactMode, find_mode, smooth_contacts)
+from ballbot_ros.physics.mechanics.modes import contact_count, find_mode, smooth_contacts
 from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import X
 from ballbot_ros.physics.model.terrain import Array

@@ -17,10 +17,11 @@ import math
 import numpy as np
 
 from ballbot_ros.jit import compiled, outlined
+from ballbot_ros.physics.mechanics.contact import ContactMode
 from ballbot_ros.physics.mechanics.equations import (
-    angle_trig, forced, System, unforced, write_motion)
+    angle_trig, AngleTrig, forced, System, unforced, write_motion)
 from ballbot_ros.physics.mechanics.modes import (
-    BALL, ContactMode, mode_accelerations, mode_torque, TIME, write_jacobian)
+    BALL, mode_accelerations, mode_torque, TIME, write_jacobian)
 from ballbot_ros.physics.model.state import (
     BALL_RATE, COORDINATES, PENDULUM_ANGLE, PENDULUM_RATE, VELOCITY_X, VELOCITY_Y)
 from ballbot_ros.physics.model.terrain import Array
@@ -205,11 +206,10 @@ def solve(right: int, out: int, work: Array) -> None:
 
 
 @compiled
-def add_motion(time: float, work: Array, system: System, mode: ContactMode) -> None:
+def add_motion(time: float, work: Array, start: AngleTrig, system: System,
+               mode: ContactMode) -> None:
     """Add the rates at the end of a stage to the right-hand side of the next."""
     motion, right = work[values.END:values.END + MOTION], values.RIGHT
-    trig = values.PENDULUM_TRIG
-    start = work[trig], work[trig + 1], work[trig + 2]
     turn, swing, along_x, along_y = mode_accelerations(time, motion, start, system, mode)
     work[right] += motion[BALL_RATE]
     if system.parameters.swing_inertia > 0.0:
@@ -227,11 +227,9 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
          workspace: Workspace) -> tuple[float, int]:
     """Take one step; see the contract in `solvers`."""
     jacobian, work = workspace.jacobian, workspace.work
+    start = angle_trig(state[PENDULUM_ANGLE])
     if ready != JACOBIAN:
-        start = angle_trig(state[PENDULUM_ANGLE])
         push = write_jacobian(time, state, start[1:], system, workspace.mode, jacobian)
-        trig = values.PENDULUM_TRIG
-        work[trig], work[trig + 1], work[trig + 2] = start
         motor = mode_torque(time, state, start[1], system, workspace.mode)
         free, compliance = unforced(state, start[1:], motor, system.parameters)
         write_motion(state, forced(free, compliance, *push), system.parameters,
@@ -253,7 +251,7 @@ def step(time: float, state: Array, size: float, ready: int, system: System,
                 sum_rows(work, values.END, values.END, 1.0, ALONE, 0, row - WIDTH, 1)
             sum_rows(work, values.RIGHT, values.ZERO, per_size, COUPLINGS, stage * COUPLED,
                      values.STAGES, stage)
-            add_motion(time + NODES[stage] * size, work, system, workspace.mode)
+            add_motion(time + NODES[stage] * size, work, start, system, workspace.mode)
         if timed and BY_TIME[stage] != 0.0:
             for i in range(VELOCITIES):
                 work[values.RIGHT + COORDINATES + i] += size * BY_TIME[stage] * jacobian[i, TIME]

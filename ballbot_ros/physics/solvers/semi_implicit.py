@@ -28,5 +28,5 @@ def apply_rates(state: Array, size: float, rates: Array, count: int) -> None:
 def step(time: float, state: Array, size: float, system: System, workspace: Workspace) -> None:
     """Advance `state` in place by one step."""
     rates = workspace.work[values.RIGHT:]
-    derivative(time, state, system, workspace.mode.contacts, rates)
+    derivative(time, state, system, workspace.mode, rates)
     apply_rates(state, size, rates, SIZE)

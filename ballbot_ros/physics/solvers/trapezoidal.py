@@ -47,12 +47,12 @@ def iterate(time: float, state: Array, step: float, tolerance: float, system: Sy
     half, work = 0.5 * step, workspace.work
     y_new, rates, error = work[values.END:], work[values.RIGHT:], work[values.ERROR:]
     start = work[values.F0:]
-    contacts, statistics = workspace.mode.contacts, workspace.statistics
+    mode, statistics = workspace.mode, workspace.statistics
     invert(workspace.jacobian, half, work)
     for i in range(SIZE):
         y_new[i] = state[i] + step * start[i]
     for _ in range(ITERATIONS):
-        derivative(time + step, y_new, system, contacts, rates)
+        derivative(time + step, y_new, system, mode, rates)
         statistics[EVALUATIONS] += 1
         for i in range(MOTION):
             rates[i] += (state[i] - y_new[i]) / half + start[i]
@@ -60,7 +60,7 @@ def iterate(time: float, state: Array, step: float, tolerance: float, system: Sy
         for i in range(MOTION):
             y_new[i] += error[i]
         if error_length(error, system.parameters) <= CONVERGED * tolerance:
-            derivative(time + step, y_new, system, contacts, rates)
+            derivative(time + step, y_new, system, mode, rates)
             statistics[EVALUATIONS] += 1
             for i in range(MOTION, SIZE):  # the ledger, which does not affect the motion
                 y_new[i] = state[i] + half * (start[i] + rates[i])
@@ -127,7 +127,7 @@ def advance(call: Packed) -> Packed:
         status.time, status.filled, status.controller, status.before)
     outcome, known = FINISHED, False
     if not status.has_mode:
-        derivative(time, state, system, workspace.mode.contacts, start)
+        derivative(time, state, system, workspace.mode, start)
         statistics[EVALUATIONS] += 1
         before = 0.0
     if controller.step <= 0.0:

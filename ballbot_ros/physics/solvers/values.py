@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ballbot_ros.jit import compiled, in_python, packer, row_sum, unpacker
-from ballbot_ros.physics.mechanics.contact import ground_height, IntArray
+from ballbot_ros.physics.mechanics.contact import ContactMode, ground_height, IntArray
 from ballbot_ros.physics.mechanics.equations import is_finite, System
-from ballbot_ros.physics.mechanics.modes import ContactMode, jacobian_table
+from ballbot_ros.physics.mechanics.modes import jacobian_table
 from ballbot_ros.physics.model.state import SIZE, X, Y
 from ballbot_ros.physics.model.terrain import Array
 
@@ -61,8 +61,7 @@ WIDTH = 16  # of a row
  COLUMNS,  # eight of them, of the matrix that solves a stage, see `rodas5p.invert`
  _, _, _, _, _, _, _,
  FACTORS,  # of a sum
- PENDULUM_TRIG,  # the pendulum angle at the start and its direction, see `angle_trig`
- ROWS) = (WIDTH * row for row in range(31))
+ ROWS) = (WIDTH * row for row in range(30))
 
 # See `jit.row_sum`.
 sum_rows = row_sum(MOTION, WIDTH)
@@ -137,9 +136,9 @@ status_of = in_python(unpacker(Status))  # result of a solver in Python
 
 
 @compiled
-def status_at(time: float) -> Status:
-    """Return the status at the start of a run, at a time [s]."""
-    return Status(FINISHED, time, 0, StepController(0.0, False, False, 0.0, 0, 0),
+def status_at(time: float, outcome: int, filled: int) -> Status:
+    """Return the status of a run at a time [s], with nothing to continue from but the state."""
+    return Status(outcome, time, filled, StepController(0.0, False, False, 0.0, 0, 0),
                   EventRate(0, 0, 0), False, NOTHING, True, 0.0)
 
 

@@ -114,8 +114,8 @@ def advance_periods(call: Call) -> Tuple[int, int, float]:
         system = System(parameters, ground,
                         Actuator(TORQUE, torque, 0.0, 0.0, 0.0, maximum, 0.0, 0.0))
         before = state[VELOCITY_X]
-        after = integrate(status_at(number * period), number * period + period, state, system,
-                          options, output, workspace)
+        after = integrate(status_at(number * period, FINISHED, 0), number * period + period, state,
+                          system, options, output, workspace)
         if after.outcome != FINISHED:
             return after.outcome, number - first, torque
         watch_touches(watched, before, state, parameters.radius, number + 1)

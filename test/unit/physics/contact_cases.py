@@ -36,7 +36,7 @@ def loads_at(terrain, x, y, velocity_x=0.0, velocity_y=0.0, ball_rate=0.0, robot
     state = State(x=x, y=y, velocity_x=velocity_x, velocity_y=velocity_y, ball_rate=ball_rate)
     return np.array(contact.contact_loads(
         np.array(state[1:]), Parameters.of(robot, options), ground,
-        contact.contact_table(len(ground))))
+        contact.ContactMode.of(len(ground))))
 
 
 def energy_at(terrain, x, y):

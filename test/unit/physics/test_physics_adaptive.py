@@ -110,14 +110,13 @@ def test_the_formulas_of_a_mode_equal_the_contact_law_inside_the_mode(state, cho
     model = Model(load_robot('gimball'), rough(), choice)
     actuation = replace(held_at(0.3), torque_limit=5.0) if held else Actuation()
     system = System(model.parameters, model.profile, actuation.actuator(model.robot))
-    size = len(model.profile)
-    mode, table = modes.ContactMode.of(size), contact.contact_table(size)
+    mode = contact.ContactMode.of(len(model.profile))
     vector, law, formulas = np.array(state[1:]), np.zeros(SIZE), np.zeros(SIZE)
-    equations.derivative(0.0, vector, system, table, law)
+    equations.derivative(0.0, vector, system, mode, law)
     count = modes.find_mode(0.0, vector, system, mode)
     modes.mode_derivative(0.0, vector, system, mode, formulas)
     assert count == contact.find_contacts(
-        state.x, state.y, model.robot.ball_radius, model.profile, table)
+        state.x, state.y, model.robot.ball_radius, model.profile, mode.contacts)
     assert formulas == pytest.approx(law, rel=1e-9, abs=1e-9)
     if modes.smooth_contacts(mode):
         # The integrators use a second, faster implementation of the accelerations.

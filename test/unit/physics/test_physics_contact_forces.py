@@ -12,7 +12,7 @@ from tiers import slow
 
 from ballbot_ros.physics import Actuation, ContactOptions, Model, simulate, Solver, State, Terrain
 from ballbot_ros.physics.mechanics.contact import (
-    CORNER, EDGE, FRICTION, friction_scale, KIND, PENETRATION, sliding_sign, SURFACE)
+    CORNER, EDGE, FRICTION, friction_scale, KIND, PENETRATION, sign_beyond, SURFACE)
 
 FREE = Actuation()
 
@@ -154,7 +154,7 @@ def test_the_friction_torque_is_continuous_from_floor_to_ramp():
 def scale(slip, threshold, smooth):
     """Return mu_scale of eq. (9)."""
     parameters = PARAMETERS._replace(slip_threshold=threshold, smooth_friction=float(smooth))
-    return friction_scale(slip, sliding_sign(slip, parameters), parameters)
+    return friction_scale(slip, sign_beyond(slip, parameters.slip_threshold), parameters)
 
 
 @given(strategies.floats(-1.0, 1.0), strategies.floats(1e-4, 0.5), strategies.booleans())

@@ -114,10 +114,10 @@ def random_case(random):
 
 def rates_and_loads(bot, state, actuator, ground, options):
     """Return the derivative of the state vector and the contact loads."""
-    parameters, table = Parameters.of(bot, options), contact.contact_table(len(ground))
+    parameters, mode = Parameters.of(bot, options), contact.ContactMode.of(len(ground))
     vector, rates = np.array(state[1:]), np.zeros(SIZE)
-    equations.derivative(0.0, vector, System(parameters, ground, actuator), table, rates)
-    return rates, contact.contact_loads(vector, parameters, ground, table)
+    equations.derivative(0.0, vector, System(parameters, ground, actuator), mode, rates)
+    return rates, contact.contact_loads(vector, parameters, ground, mode)
 
 
 def test_the_closed_form_solves_equation_13():

@@ -177,7 +177,8 @@ def test_contact_events_caused_by_rounding_are_stepped_over(seed):
 @pytest.mark.parametrize('method', ['adaptive', 'implicit', 'explicit'])
 def test_a_run_with_a_tolerance_above_the_penetration_terminates(method):
     scene = load_scene('shellball_drop')
-    model = replace(scene.model, solver=Solver(method, tolerance=1e-3, work_budget=50_000))
+    model = replace(scene.model, solver=Solver(
+        method, tolerance=1e-3, models='full', work_budget=50_000))
     assert model.solver.tolerance > 5.0 * model.robot.static_penetration
     # The tolerance may be too coarse for the energy balance, but the run must end.
     vector = np.array(scene.start[1:])

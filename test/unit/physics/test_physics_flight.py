@@ -119,7 +119,7 @@ def test_a_released_ball_is_force_free_until_its_next_contact():
         vector[VELOCITY_X:VELOCITY_Y + 1] = slow * np.array([draw.normal(), abs(draw.normal())])
         if robot is GIMBALL:
             vector[PENDULUM_RATE] = draw.normal() * 9.0
-        mode = modes.ContactMode.of(len(model.profile))
+        mode = contact.ContactMode.of(len(model.profile))
         if modes.find_mode(0.0, vector, system, mode) == 0 or not flight.is_released(
                 mode, model.parameters):
             continue
@@ -133,7 +133,7 @@ def test_a_released_ball_is_force_free_until_its_next_contact():
         for time in np.linspace(0.0, found - 1e-11, 100):
             flight.fly(vector, time, spin, model.parameters, later)
             assert contact.contact_loads(
-                later, model.parameters, model.profile, mode.contacts)[:2] == (0.0, 0.0)
+                later, model.parameters, model.profile, mode)[:2] == (0.0, 0.0)
         flown += 1
     assert flown > 100 and refused > 10  # a slow ball may fall back onto the ground
 

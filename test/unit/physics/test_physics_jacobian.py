@@ -10,6 +10,7 @@ import pytest
 
 from ballbot_ros.physics import Actuation, ContactOptions, load_robot, Model, State, Terrain
 from ballbot_ros.physics.mechanics import modes
+from ballbot_ros.physics.mechanics.contact import ContactMode
 from ballbot_ros.physics.mechanics.equations import angle_trig, System
 from ballbot_ros.physics.model.state import PENDULUM_ANGLE
 
@@ -24,7 +25,7 @@ DELTA = 1e-6
 def rates_and_slopes(model, actuation, vector, time=0.5):
     """Return the rates of a mode as a function, the Jacobian, its completeness, the count."""
     system = System(model.parameters, model.profile, actuation.actuator(model.robot, 0.0, 0.1))
-    mode, out = modes.ContactMode.of(len(model.profile)), modes.jacobian_table()
+    mode, out = ContactMode.of(len(model.profile)), modes.jacobian_table()
     count = modes.find_mode(time, vector, system, mode)
     pendulum_trig = angle_trig(vector[PENDULUM_ANGLE])[1:]
     modes.write_jacobian(time, vector, pendulum_trig, system, mode, out)

@@ -26,9 +26,9 @@ from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision.execution.pilot_law import pilot_step, PlainOrder
 from ballbot_ros.decision.planning.ahead import CONTACT_TIME_MAX, FACES_MAX
 from ballbot_ros.decision.values import REST_SPEED_MAX
-from ballbot_ros.jit import compiled, outlined, unlocked
+from ballbot_ros.jit import compiled, in_python, outlined, packer, unlocked, unpacker
 from ballbot_ros.physics.mechanics.contact import (
-    contact_table, find_contacts, first_segment, found_loads, POINT_X)
+    ContactMode, find_contacts, first_segment, IntArray, loads_of, OWN, POINT_X)
 from ballbot_ros.physics.mechanics.equations import read_parameters, write_rates
 from ballbot_ros.physics.model.actuation import applied_torque, position_torque
 from ballbot_ros.physics.model.robot import Parameters
@@ -88,13 +88,16 @@ class Scratch(NamedTuple):
     state: Array  # (13,)
     rates: Array  # (13,)
     ground: Array  # (n, 7), see `Terrain.profile`
-    contacts: Array  # see `contact.contact_table`
+    mode: ContactMode  # only its table of contacts is used
 
     @classmethod
     def of(cls, vertices: int) -> 'Scratch':
         """Return arrays for a ground with this number of vertices."""
         return cls(np.zeros(SIZE), np.zeros(SIZE), np.zeros((vertices, 7)),
-                   contact_table(vertices))
+                   ContactMode.of(vertices))
+
+
+pack_scratch, unpack_scratch = in_python(packer(Scratch)), unpacker(Scratch)
 
 
 class Rolling(NamedTuple):
@@ -157,13 +160,13 @@ def torque_of(state: Array, set_angle: float, robot: Parameters, drive: Drive) -
 
 @compiled
 def push(state: Array, torque: float, step: float, robot: Parameters, ground: Array,
-         contacts: Array, rates: Array) -> float:
+         mode: ContactMode, rates: Array) -> float:
     """Advance a state in place, and return the x of its foremost contact [m]; -inf for none."""
-    count = find_contacts(state[X], state[Y], robot.radius, ground, contacts)
-    loads = found_loads(state, robot, ground, contacts, count)
+    count = find_contacts(state[X], state[Y], robot.radius, ground, mode.contacts)
+    loads = loads_of(state, robot, ground, mode, count, OWN)
     write_rates(state, robot, loads, torque, rates)
     apply_rates(state, step, rates, VELOCITY_Y + 1)
-    return contacts[count - 1, POINT_X] if count > 0 else -math.inf
+    return mode.contacts[count - 1, POINT_X] if count > 0 else -math.inf
 
 
 SHAPE_X, SHAPE_Z, FACE, HEIGHT_FRACTION, PLACE_FRACTION = range(5)
@@ -361,7 +364,7 @@ def climb(memory: SpeedState, plan: Array, robot: Parameters, drive: Drive, scra
             memory, set_angle = pilot_step(
                 memory, state[X], state[VELOCITY_X], order, DECISION_PERIODS * PERIOD, drive.law)
         torque = torque_of(state, set_angle, robot, drive)
-        foremost = push(state, torque, PERIOD, robot, ground, scratch.contacts, scratch.rates)
+        foremost = push(state, torque, PERIOD, robot, ground, scratch.mode, scratch.rates)
         time += PERIOD
         if touch_x == math.inf and foremost >= foot:
             touch_x, until = state[X], time + CONTACT_TIME_MAX
@@ -414,7 +417,7 @@ def run(start: Rolling, plan: Array, draw: Array, raised: float, drive: Drive, s
 Start = tuple[float, float, float, float]
 PlainDrive = tuple[float, float, float, float, tuple[float, float, float, float], Numbers, float,
                    float, float, float]
-PlainScratch = tuple[Array, Array, Array, Array]
+PlainScratch = tuple[Array, Array, Array, tuple[IntArray, Array]]
 
 
 @unlocked
@@ -439,7 +442,7 @@ def run_many(start: Start, plans: Array, draws: Array, raised: float, drive: Pla
         Overwritten.
 
     """
-    begin, driven, arrays = Rolling(*start), Drive(*drive), Scratch(*scratch)
+    begin, driven, arrays = Rolling(*start), Drive(*drive), unpack_scratch(scratch)
     for k in range(len(plans)):
         for n in range(len(draws)):
             run(begin, plans[k], draws[n], raised, driven, shape, arrays, results[k, n])

@@ -11,8 +11,9 @@ from ballbot_ros.control.speed_law import SpeedLaw
 from ballbot_ros.decision.learning.particles import Particles
 from ballbot_ros.decision.planning.ahead import Ahead, FACES_MAX
 from ballbot_ros.decision.planning.rollout.rollout import (
-    CORNER_FRICTION, DRAW, EDGE_AT, FACE, FALLS, FLOOR_FRICTION, HEIGHT, OVER, PLACE, PlainDrive,
-    PLAN, REST, RESULT, ROBOT, run_many, Scratch, SLOPE, Start, STUCK, TOUCH_SPEED, VERDICT)
+    CORNER_FRICTION, DRAW, EDGE_AT, FACE, FALLS, FLOOR_FRICTION, HEIGHT, OVER, pack_scratch, PLACE,
+    PlainDrive, PLAN, REST, RESULT, ROBOT, run_many, Scratch, SLOPE, Start, STUCK, TOUCH_SPEED,
+    VERDICT)
 from ballbot_ros.decision.planning.situation import Knowledge
 from ballbot_ros.decision.values import Outlook
 from ballbot_ros.physics.model.terrain import Array
@@ -160,7 +161,7 @@ class Worlds:
         results = np.zeros((len(rows), len(draws), RESULT))
         position, speed, angle, rate = map(float, start)
         run_many((position, speed, angle, rate), rows, np.ascontiguousarray(draws), raised,
-                 self._drive, ahead.shape, Scratch.of(len(ahead.shape))[:], results)
+                 self._drive, ahead.shape, pack_scratch(Scratch.of(len(ahead.shape))), results)
         self.attempts += results.shape[0] * results.shape[1]
         heights = np.array([face.height for face in ahead.faces[:FACES_MAX]])
         if heights.min() < 0.0:
