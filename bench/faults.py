@@ -317,9 +317,9 @@ def zero(emulator, pause=time.sleep):
     end = time.monotonic() + LONGEST
     while time.monotonic() < end:
         pause(0.005)
-        last = emulator.log[-1]
-        if last.torque == 0.0 and time.monotonic() - last.time > QUIET:
-            return last.time
+        last, torque = emulator.log[-1]
+        if torque == 0.0 and time.monotonic() - last > QUIET:
+            return last
     raise TimeoutError(f'torque {LONGEST:g} s after the fault')
 
 

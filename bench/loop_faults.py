@@ -96,7 +96,7 @@ def measure():
                 execute(emulator, 'clear')
             events += 1
             while emulator.log:
-                above += abs(emulator.log.popleft().torque) > 1.001 * limit
+                above += abs(emulator.log.popleft()[1]) > 1.001 * limit
             if first is None and time.monotonic() - begin > 0.1 * DURATION:
                 first = used()
         wall = time.monotonic() - begin

@@ -32,7 +32,7 @@ def resources(process):
 def row(label, bench, mark):
     """Print one line; `mark` is the last read position of the log of torques."""
     memory, threads, files = resources(bench.process)
-    times = [applied.time for applied in list(bench.emulator.log)[mark:]]
+    times = [when for when, _ in list(bench.emulator.log)[mark:]]
     most = max((after - before for before, after in zip(times, times[1:])), default=float('nan'))
     print(f'{label:>10}{memory:8.1f}{threads:9}{files:7}{1e3 * most:25.1f}', flush=True)
     bench.emulator.call(bench.emulator.log.clear)

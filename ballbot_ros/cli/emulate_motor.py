@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verb ``emulate-motor``: a motor controller in software on a serial device."""
 import argparse
+import gc
 import os
 from pathlib import Path
 import select
@@ -72,6 +73,9 @@ def run(arguments: argparse.Namespace) -> int:
             execute(emulator, line)
         if arguments.control is not None:
             channel = Channel(emulator, arguments.control)
+        # As in `ros.run`: garbage collection of all modules takes longer than a period.
+        gc.collect()
+        gc.freeze()
         emulator.start()
         print(emulator.path, flush=True)
         for line in _typed_lines():
@@ -88,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
             from ballbot_ros.results.files import write_text
             # Time of the monotonic clock [s], and motor torque [N m].
             write_text('time,torque\n' + ''.join(
-                f'{entry.time:.6f},{entry.torque:.9g}\n' for entry in emulator.log),
+                f'{when:.6f},{torque:.9g}\n' for when, torque in emulator.log),
                 arguments.log)
     if emulator.failure is not None:
         print_error(str(emulator.failure))

@@ -9,7 +9,7 @@ from queue import SimpleQueue
 import random
 from threading import Event, Thread
 import time
-from typing import Any, Callable, Deque, NamedTuple, Optional
+from typing import Any, Callable, Deque, Optional, Tuple
 
 from ballbot_ros.drives import CAN, device_class, driver_class, line_of, SERIAL
 from ballbot_ros.drives.emulated_device import Device, DriveSettings
@@ -105,13 +105,6 @@ def new_device(protocol: str, settings: DriveSettings, steering: bool = False) -
     return BusOfTwo(device, settings) if line_of(protocol) is CAN else device(settings)
 
 
-class Applied(NamedTuple):
-    """A change of the torque of the motor."""
-
-    time: float  # of time.monotonic [s]
-    torque: float  # at the motor shaft [N m]
-
-
 class Emulator:
     """
     A motor controller on a pseudo-terminal, or on a CAN bus with an slcan adapter as terminal.
@@ -162,7 +155,10 @@ class Emulator:
         self.to_drive, self.from_drive = Direction(baud, rng), Direction(baud, rng)
         self.terminal = (
             PseudoTerminal if line_of(protocol) is SERIAL else SlcanAdapter)(link)
-        self.log: Deque[Applied] = deque(maxlen=LONGEST_LOG)  # changes of the torque
+        # Changes of the torque: time of time.monotonic [s], torque at the motor shaft [N m].  The
+        # garbage collector does not track plain tuples of numbers: each pass through a long log
+        # of other objects would delay the drive beyond its watchdog.
+        self.log: Deque[Tuple[float, float]] = deque(maxlen=LONGEST_LOG)
         self.encoder_jump = 0.0  # [rad at the motor shaft]
         self.silent_until = -math.inf  # until then the drive sends nothing [s]
         self.plug_at = math.inf
@@ -311,7 +307,7 @@ class Emulator:
         torque = self.device.torque()
         if torque != self.torque:
             self.torque = torque
-            self.log.append(Applied(now, torque))
+            self.log.append((now, torque))
 
     def _run_calls(self) -> None:
         while not self._calls.empty():  # no other thread takes from it

@@ -295,7 +295,6 @@ class PendulumFilter:
             tuning.gravity_sd**2, tuning.gravity_gate, tuning.pendulum_noise**2,
             tuning.ball_noise**2, tuning.pendulum_noise_with_imu**2,
             tuning.ball_noise_with_imu**2, tuning.gyro_drift**2)
-        self._trust = self._own[:]
         self._rolling = model.numbers
 
     def start(self, stamp: float, encoder: float, imu: Optional[ImuReading] = None,
@@ -339,7 +338,7 @@ class PendulumFilter:
         mean, covariance = estimate.mean.copy(), estimate.covariance.copy()
         after = advance(mean, covariance, estimate.stamp, stamp, torque,
                         NO_SUPPORT if imu is None else (True, imu.forward, imu.upward),
-                        self._rolling, self._trust)
+                        self._rolling, self._own[:])
         return Estimate(after, mean, covariance, estimate.encoder_zero)
 
     def with_encoder(self, estimate: Estimate, encoder: float, latency: float = 0.0) -> Estimate:
@@ -383,5 +382,5 @@ class PendulumFilter:
         mean, covariance = estimate.mean.copy(), estimate.covariance.copy()
         correct_by_imu(
             mean, covariance, (imu.turn_rate, imu.forward, imu.upward, imu.turn_acceleration),
-            period, self._trust)
+            period, self._own[:])
         return Estimate(estimate.stamp, mean, covariance, estimate.encoder_zero)

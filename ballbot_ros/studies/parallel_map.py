@@ -7,6 +7,7 @@ cluster; this process writes the result of each block to a separate file atomica
 """
 from concurrent.futures import Executor, FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
+import errno
 import fcntl
 from functools import lru_cache
 import hashlib
@@ -119,9 +120,11 @@ def claimed(folder: Path, digest: str) -> Iterator[None]:
             # Unlike those of flock, workers do not inherit this lock.
             fcntl.lockf(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
+            locked = error.errno in (errno.EACCES, errno.EAGAIN)
+            reason = ('another run computes its blocks; wait for its end, or write'
+                      if locked else f'its file system has no locks ({error.strerror}); write')
             raise ConfigurationError(
-                f'{folder} cannot be locked ({error.strerror}): another run computes its blocks; '
-                'wait for its end, or write elsewhere with --out', 'unavailable',
+                f'{folder} cannot be locked: {reason} elsewhere with --out', 'unavailable',
                 str(folder)) from error
         stream.seek(0)
         content = stream.read()

@@ -146,7 +146,7 @@ class Walk:
         self.topic = command(item, 'ros2 topic pub')
         last = self.publish_until_torque()
         self.graph.wait(lambda: self.motor.torque == 0.0, 'the motor torque is zero')
-        after = self.motor.log[-1].time - last
+        after = self.motor.log[-1][0] - last
         assert after < load_hardware('my_motor.yaml').limits.command_timeout + WATCHDOG
 
     def kill(self, item):
@@ -156,7 +156,7 @@ class Walk:
         killed = time.monotonic()
         self.graph.kill('bridge')
         self.graph.wait(lambda: self.motor.torque == 0.0, 'the motor torque is zero')
-        assert self.motor.log[-1].time - killed < 2.0 * WATCHDOG
+        assert self.motor.log[-1][0] - killed < 2.0 * WATCHDOG
         assert not self.motor.device.armed
 
     def engage(self, item):
