@@ -13,11 +13,13 @@ from ballbot_ros.ros import discovery
 NODE = """
 import sys
 from rclpy.node import Node
+from ballbot_ros.ros.endpoints import create_publisher
 from ballbot_ros.ros.run import run
 
 class Speaking(Node):
     def __init__(self):
         super().__init__('speaking')
+        create_publisher(self, 'joint_commands')
         # Print only when it spins: a node stopped during its construction prints nothing.
         self._timer = self.create_timer(0.01, self._say)
 
@@ -57,6 +59,24 @@ for _ in range(5):
     publisher.publish(JointState())
     print(publisher.wait_for_all_acked(Duration(seconds=1)), flush=True)
     publisher.wait_for_all_acked(Duration(seconds=30))
+rclpy.try_shutdown()
+"""
+WATCHER = """
+import os, sys, time
+import rclpy
+from ballbot_ros.ros import discovery
+
+discovery.apply(os.environ)
+rclpy.init()
+node = rclpy.create_node('watching')
+while not node.count_publishers('joint_commands'):
+    time.sleep(0.01)
+print('found', flush=True)
+sys.stdin.readline()
+start = time.monotonic()
+while node.count_publishers('joint_commands'):
+    time.sleep(0.01)
+print(time.monotonic() - start, flush=True)
 rclpy.try_shutdown()
 """
 DOMAIN = 231
@@ -110,6 +130,27 @@ def test_a_message_is_acknowledged_before_the_default_heartbeat_of_three_seconds
         listener.wait()
     # A busy machine may delay some of them.
     assert said.count('True') > said.count('False'), said
+
+
+@pytest.mark.slow
+def test_a_killed_node_leaves_the_graph_before_the_default_lease_of_twenty_seconds(monkeypatch):
+    for name in (*discovery.DISCOVERY_VARIABLES, *discovery.FAST_DDS_VARIABLES):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(DOMAIN))
+    watcher = subprocess.Popen([sys.executable, '-c', WATCHER], stdin=subprocess.PIPE,
+                               stdout=subprocess.PIPE, text=True)
+    publisher = subprocess.Popen([sys.executable, '-c', NODE], stdout=subprocess.DEVNULL,
+                                 stderr=subprocess.DEVNULL)
+    try:
+        assert watcher.stdout.readline() == 'found\n'
+        publisher.kill()
+        publisher.wait()
+        said, _ = watcher.communicate('killed\n', timeout=60.0)
+    finally:
+        for process in (publisher, watcher):
+            process.kill()
+            process.wait()
+    assert float(said) < 15.0
 
 
 @pytest.mark.parametrize('choice', [
