@@ -10,9 +10,10 @@ from ballbot_ros.ros.endpoints import endpoint_name
 
 # Periods of two queries of the graph: the number of publishers, and their names [s].
 COUNT_PERIOD, NAME_PERIOD = 0.02, 1.0
-# A node that was killed stays in the graph for as long as its lease in DDS, by default 20 s: for
-# this time a second publisher of the same name counts as its restart [s].  A publisher that
-# started after the end of a node does not discover it.
+# A node that was killed stays in the graph for as long as its lease in DDS, 5 s with the settings
+# of this package and 20 s with those of Fast DDS: for this time a second publisher of the same
+# name counts as its restart [s].  A publisher that started after the end of a node does not
+# discover it.
 RESTART_TIME = 25.0
 
 
