@@ -32,7 +32,7 @@ def evaluation(report: Dict[str, Any]) -> Figure:
 
 def draw_reliability(axes: Axes, planners: Dict[str, Any]) -> None:
     """Draw the observed success rate over the predicted one."""
-    axes.plot([0.4, 1.0], [0.4, 1.0], color=canvas.GREY, lw=0.8, ls='--')
+    axes.plot([0.0, 1.0], [0.0, 1.0], color=canvas.GREY, lw=0.8, ls='--')
     for one, colour in zip(planners.values(), COLOURS):
         parts = [part for part in one['reliability'] if part['attempts']]
         if not parts:
@@ -42,7 +42,7 @@ def draw_reliability(axes: Axes, planners: Dict[str, Any]) -> None:
                   [max(0.0, part['interval'][1] - part['observed']) for part in parts]]
         axes.errorbar(predicted, share, errors, fmt='o', ms=4, lw=1.0, color=colour)
     axes.set_xlim(0.4, 1.01)
-    axes.set_ylim(0.4, 1.01)
+    axes.set_ylim(0.0, 1.01)
     axes.set_xlabel('predicted success rate')
     axes.set_ylabel('observed success rate, 95 % intervals')
 
