@@ -98,10 +98,16 @@ def addresses(pid):
                 yield protocol, address, int(port, 16)
 
 
-def test_by_default_a_node_receives_from_this_machine_only(monkeypatch):
+@pytest.fixture
+def default_discovery(monkeypatch):
+    """Let processes find each other as without settings of the user, in a domain of their own."""
     for name in (*discovery.DISCOVERY_VARIABLES, *discovery.FAST_DDS_VARIABLES):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv('ROS_DOMAIN_ID', str(DOMAIN))
+
+
+@pytest.mark.usefixtures('default_discovery')
+def test_by_default_a_node_receives_from_this_machine_only():
     node = subprocess.Popen([sys.executable, '-c', NODE], stdout=subprocess.PIPE,
                             stderr=subprocess.PIPE, text=True)
     try:
@@ -117,10 +123,8 @@ def test_by_default_a_node_receives_from_this_machine_only(monkeypatch):
     assert node.returncode == 0
 
 
-def test_a_message_is_acknowledged_before_the_default_heartbeat_of_three_seconds(monkeypatch):
-    for name in (*discovery.DISCOVERY_VARIABLES, *discovery.FAST_DDS_VARIABLES):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(DOMAIN))
+@pytest.mark.usefixtures('default_discovery')
+def test_a_message_is_acknowledged_before_the_default_heartbeat_of_three_seconds():
     listener = subprocess.Popen([sys.executable, '-c', LISTENER], stderr=subprocess.DEVNULL)
     try:
         said = subprocess.run([sys.executable, '-c', SPEAKER], stdout=subprocess.PIPE, text=True,
@@ -133,10 +137,8 @@ def test_a_message_is_acknowledged_before_the_default_heartbeat_of_three_seconds
 
 
 @pytest.mark.slow
-def test_a_killed_node_leaves_the_graph_before_the_default_lease_of_twenty_seconds(monkeypatch):
-    for name in (*discovery.DISCOVERY_VARIABLES, *discovery.FAST_DDS_VARIABLES):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(DOMAIN))
+@pytest.mark.usefixtures('default_discovery')
+def test_a_killed_node_leaves_the_graph_before_the_default_lease_of_twenty_seconds():
     watcher = subprocess.Popen([sys.executable, '-c', WATCHER], stdin=subprocess.PIPE,
                                stdout=subprocess.PIPE, text=True)
     publisher = subprocess.Popen([sys.executable, '-c', NODE], stdout=subprocess.DEVNULL,
