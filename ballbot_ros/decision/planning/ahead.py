@@ -90,6 +90,13 @@ def faces_ahead(profile: Profile, position: float) -> Tuple[Face, ...]:
                  if position < face.position <= profile.seen_to)[:FACES_MAX + 1]
 
 
+def passed(face: Face) -> float:
+    """Return the position at which the centre has certainly passed a face [m]."""
+    # A step down may be farther away than observed; a step up lifts the ball.
+    later = SIGMAS * face.position_sd if face.height < 0.0 else 0.0
+    return face.position + max(face.run, 0.0) + SWING_END_DISTANCE + later
+
+
 def look_ahead(situation: Situation, faces: Sequence[Face], radius: float,
                tuning: DecisionTuning, line: float = math.inf, kept: bool = False) -> Ahead:
     """
@@ -146,9 +153,7 @@ def look_ahead(situation: Situation, faces: Sequence[Face], radius: float,
         if ends and foot - last < radius:
             ends.pop()  # a ball cannot stop between closer edges
         last = here
-        # A step down may be farther away than observed; a step up lifts the ball.
-        later = SIGMAS * face.position_sd if face.height < 0.0 else 0.0
-        ends.append(End(index + 1, len(rows) - 1, here, here + SWING_END_DISTANCE + later))
+        ends.append(End(index + 1, len(rows) - 1, here, max(here, passed(face))))
     known = seen and profile.seen_to > here + radius
     seen_to = max(profile.seen_to if seen else here, here + tuning.unseen_room)
     for x, rise in floor.bends(here, seen_to):

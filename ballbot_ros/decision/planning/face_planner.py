@@ -12,7 +12,7 @@ import math
 from typing import Callable, NamedTuple, Optional
 
 from ballbot_ros.decision.planning.ahead import (
-    Ahead, Candidate, CONTACT_TIME_MAX, faces_ahead, look_ahead)
+    Ahead, Candidate, CONTACT_TIME_MAX, faces_ahead, look_ahead, passed)
 from ballbot_ros.decision.planning.safety_filter import past_braking, stop
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.planning.stop_line import LINE_MARGIN, StopLines
@@ -339,12 +339,19 @@ class FacePlanner:
                 or motion.position < touch - LINE_MARGIN and motion.speed < 0.0:
             self._selector.forget()
             return None
+        edge = previous.plan.edge
+        for face in faces:
+            # Steps down behind a crest are observed late, and then farther away; a ball cannot
+            # stop between closer edges.
+            down = -self._tuning.highest_descent <= face.height < 0.0
+            if motion.position < face.position < edge + self._robot.ball_radius * down:
+                edge = max(edge, passed(face))
         # After the first of two edges, the second one remains.
-        left = own or [face for face in faces
-                       if motion.position < face.position < previous.plan.edge]
+        left = own or [face for face in faces if motion.position < face.position < edge]
         distance = left[0].position - motion.position if left else 0.0
         return replace(
             previous, reason=Reason.COMMITTED, distance=distance, contact_since=since,
+            plan=replace(previous.plan, edge=edge),
             explanation=f'On the step, {distance:.2f} m to its face: continuing')
 
     def _brake(self, motion: Motion, previous: Optional[Decision]) -> Optional[Decision]:

@@ -355,6 +355,21 @@ def test_pushing_has_a_timeout_and_ends_if_the_clock_is_set_back(now, kind):
     assert on(distance=0.1, speed=0.0, now=now, previous=pushing, decide=decide).kind is kind
 
 
+@pytest.mark.parametrize('height, behind, crossed', [
+    (-0.01, 0.12, True),  # too close to stop before it
+    (-0.01, 0.40, False), (0.01, 0.12, False), (-0.2, 0.12, False)])
+def test_a_crossing_includes_a_close_step_down_that_is_observed_from_the_step(
+        height, behind, crossed):
+    decide = planner()
+    answer = in_contact(decide)
+    answer = replace(answer, plan=replace(answer.plan, edge=0.11))
+    for moved in 0.0, 0.03:  # the edge is farther away than it seemed
+        edge = 0.1 + behind + moved
+        answer = decide(Situation(Motion(1.02 + moved, 0.0, 0.1), Profile(1.02, (
+            Face(1, 0.1, 0.031, 0.01, 0.0005), Face(2, edge, height, 0.01, 0.0005)))), answer)
+        assert answer.kind is Kind.CROSS and (answer.plan.edge > edge) is crossed
+
+
 def test_without_a_crossing_the_ball_does_not_push():
     assert on(distance=0.1, speed=0.1).kind is Kind.STOP
 
