@@ -13,7 +13,7 @@ from ballbot_ros.drives.contract import (
     bit_names, DriveOptions, Identity, judge_torque, Setting, shown, WireBudget)
 from ballbot_ros.drives.driver import Driver, Match
 from ballbot_ros.drives.roboclaw import codec
-from ballbot_ros.errors import DriveError
+from ballbot_ros.errors import ConfigurationError, DriveError
 
 # Timeout of the supply voltage that scales the duty cycle [s].
 STALE_VOLTAGE = 1.0
@@ -37,6 +37,20 @@ class RoboClawOptions(DriveOptions):
     status_period: float = quantity(
         's', 'time between requests for status, voltage, current, temperature and settings, '
         'one of which is sent at a time', default=0.01, minimum=0.01, maximum=0.2)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        # With a rounded timeout, the drive and the bridge would detect different delays.
+        if not math.isclose(self.watchdog, codec.TIMEOUT_UNIT * self.tenths):
+            raise ConfigurationError(
+                f'watchdog is {self.watchdog:g} s, and the serial timeout of a RoboClaw has units '
+                f'of {codec.TIMEOUT_UNIT:g} s: use {codec.TIMEOUT_UNIT * max(1, self.tenths):g}',
+                'out_of_range', 'watchdog')
+
+    @property
+    def tenths(self) -> int:
+        """Return the serial timeout [0.1 s]."""
+        return round(self.watchdog / codec.TIMEOUT_UNIT)
 
 
 class RoboClaw(Driver):
@@ -107,7 +121,7 @@ class RoboClaw(Driver):
             timeout = self._set_timeout(deadline)
         except DriveError:
             timeout = math.nan
-        wanted_time = codec.TIMEOUT_UNIT * self._tenths
+        wanted_time = options.watchdog
         return (
             judge_torque(current * options.torque_constant, options,
                          f'Motion Studio, PWM Settings: max current {most:g} A'),
@@ -121,16 +135,11 @@ class RoboClaw(Driver):
                     'the motor freewheels below and is braked above', lowest < supply < highest,
                     'Motion Studio, General Settings: Main Battery minimum and maximum'))
 
-    @property
-    def _tenths(self) -> int:
-        """Return the required serial timeout [0.1 s]."""
-        return max(1, round(self.options.watchdog / codec.TIMEOUT_UNIT))
-
     def _set_timeout(self, deadline: float) -> float:
         """Set the serial timeout and return the value read back [s]."""
         return codec.TIMEOUT_UNIT * self._ask(
             codec.GET_TIMEOUT, deadline,
-            before=codec.set_timeout(self.options.address, self._tenths)).values[0]
+            before=codec.set_timeout(self.options.address, self.options.tenths)).values[0]
 
     def clear_faults(self, timeout: float = 0.5) -> tuple[str, ...]:
         """
@@ -154,10 +163,10 @@ class RoboClaw(Driver):
             raise self._error(
                 f'the RoboClaw reports {", ".join(self.telemetry.faults)}', 'not_armed')
         timeout = self._set_timeout(deadline)
-        if not 0.0 < timeout < (self._tenths + 0.5) * codec.TIMEOUT_UNIT:
+        if not 0.0 < timeout < (self.options.tenths + 0.5) * codec.TIMEOUT_UNIT:
             raise self._error(
                 f'the serial timeout of the RoboClaw is {timeout:g} s, unchanged; it must be at '
-                f'most {self._tenths * codec.TIMEOUT_UNIT:g} s', 'not_armed')
+                f'most {self.options.tenths * codec.TIMEOUT_UNIT:g} s', 'not_armed')
         self._ask(codec.GET_BATTERY, deadline)
 
     # Non-blocking methods
@@ -193,7 +202,7 @@ class RoboClaw(Driver):
         numbers = (codec.GET_MAX_CURRENT[options.axis], *self._motion)  # with the longest reply
         answers = sum(codec.answer_length(number) for number in numbers)
         return WireBudget(len(codec.set_duty(options.address, options.axis, 0.0))
-                          + len(codec.set_timeout(options.address, self._tenths))
+                          + len(codec.set_timeout(options.address, self.options.tenths))
                           + 2 * len(numbers), 2 + answers)
 
     def _torque_message(self, torque: float) -> bytes:
@@ -223,7 +232,7 @@ class RoboClaw(Driver):
         slow = self._slow[self._turn // 2 % len(self._slow)] if self._turn % 2 \
             else codec.GET_STATUS
         return self._group(slow, *self._motion) \
-            + codec.set_timeout(self.options.address, self._tenths)
+            + codec.set_timeout(self.options.address, self.options.tenths)
 
     def _group(self, *numbers: int) -> bytes:
         """Return requests whose replies form a group; the motion requests identify the axis."""

@@ -10,7 +10,8 @@ from refusals import refused
 from ballbot_ros.drives.contract import bit_names
 from ballbot_ros.drives.emulated_device import DriveSettings
 from ballbot_ros.drives.roboclaw import codec
-from ballbot_ros.errors import DriveError
+from ballbot_ros.drives.roboclaw.driver import RoboClawOptions
+from ballbot_ros.errors import ConfigurationError, DriveError
 
 
 @pytest.fixture
@@ -183,8 +184,7 @@ def test_a_warning_does_not_keep_the_motor_from_being_armed():
     assert '0x8000' in str(caught.value)
 
 
-@pytest.mark.parametrize('watchdog, tenths', [
-    (0.1, 1), (0.24, 2), (0.26, 3), (0.02, 1), (1.0, 10)])
+@pytest.mark.parametrize('watchdog, tenths', [(0.1, 1), (0.3, 3), (1.0, 10)])
 @pytest.mark.parametrize('before', [0.0, 0.1, 5.0])
 def test_the_serial_timeout_is_set_at_each_start_in_tenths_of_a_second(watchdog, tenths, before):
     bench = Bench('roboclaw', DriveSettings(watchdog=before), watchdog=watchdog)
@@ -196,13 +196,19 @@ def test_the_serial_timeout_is_set_at_each_start_in_tenths_of_a_second(watchdog,
 
 
 @pytest.mark.parametrize('watchdog, timeout, acceptable', [
-    (0.1, 1, True), (0.1, 2, False), (0.24, 2, True), (0.26, 3, True), (0.24, 3, False),
-    (0.02, 1, True), (0.02, 2, False), (0.1, 0, False)])
+    (0.1, 1, True), (0.1, 2, False), (0.3, 2, True), (0.3, 3, True), (0.3, 4, False),
+    (0.1, 0, False)])
 def test_a_serial_timeout_that_stays_otherwise_is_judged(watchdog, timeout, acceptable):
     bench = Bench('roboclaw', watchdog=watchdog)
     reply(bench, codec.GET_TIMEOUT, timeout)
     bench.to_drive = lambda data: data[5:] if data[1] == 14 else data
     assert bench.settings()['watchdog'].acceptable is acceptable
+
+
+@pytest.mark.parametrize('watchdog', [0.02, 0.05, 0.12, 0.25, 9.99])
+def test_a_watchdog_that_the_drive_would_round_is_refused(watchdog):
+    with refused('out_of_range', 'watchdog', ConfigurationError):
+        RoboClawOptions(torque_limit=0.1, watchdog=watchdog)
 
 
 def test_firmware_without_a_serial_timeout_is_refused_with_what_to_do():
