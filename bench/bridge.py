@@ -28,6 +28,7 @@ from round_trip import joined
 from std_srvs.srv import Trigger
 import yaml
 
+from ballbot_ros.clock import steady_time
 from ballbot_ros.config.files import read_yaml, shipped_folder
 from ballbot_ros.demo.processes import NodeProcesses, own_domain
 from ballbot_ros.emulator.emulator import Emulator
@@ -68,37 +69,37 @@ class Bench:
 
     def _answer(self, message):
         """Answer a joint state with a torque that differs from the previous ones."""
-        self.arrivals.append(time.monotonic())
+        self.arrivals.append(steady_time())
         if self._control == 'onboard':
             return
         self._number = (self._number + 1) % DIFFERENT
         # The sign alternates, so that the ball stays; no value repeats.
         size = 0.05 + 0.0005 * self._number
         torque = size if self._number % 2 else -size
-        self.sent.setdefault(self._number, []).append(time.monotonic())
+        self.sent.setdefault(self._number, []).append(steady_time())
         self._commands.publish(command_bytes(
             message.header.stamp, torque if self.pushing else 0.0))
 
     def spin(self, seconds):
         """Execute callbacks for a time [s], with set-points in onboard control."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            if self._control == 'onboard' and self.pushing and time.monotonic() >= self._next:
-                self._next = time.monotonic() + SET_POINT_PERIOD
+        end = steady_time() + seconds
+        while steady_time() < end:
+            if self._control == 'onboard' and self.pushing and steady_time() >= self._next:
+                self._next = steady_time() + SET_POINT_PERIOD
                 # Stamped by the bridge; angle and torque change continuously.
                 self._set_points.publish(set_point_message(
-                    Time(), LEAN * math.sin(3.0 * time.monotonic())))
+                    Time(), LEAN * math.sin(3.0 * steady_time())))
             self.executor.spin_once(timeout_sec=0.5 * SET_POINT_PERIOD)
 
     def release(self, timeout=20.0):
         """Release the e-stop; retry until `timeout` [s]."""
         self.pushing = False
-        deadline, why = time.monotonic() + timeout, 'there was no answer'
-        while time.monotonic() < deadline:
+        deadline, why = steady_time() + timeout, 'there was no answer'
+        while steady_time() < deadline:
             self.spin(0.3)
             if self._release.service_is_ready():
                 answer = self._release.call_async(Trigger.Request())
-                while not answer.done() and time.monotonic() < deadline:
+                while not answer.done() and steady_time() < deadline:
                     self.executor.spin_once(timeout_sec=0.05)
                 if answer.done():
                     why = answer.result().message
@@ -143,9 +144,9 @@ def emulated_robot(folder):
     with NodeProcesses(folder / 'robot', own_domain()) as nodes:
         nodes.start('emulated_robot', {
             'link': folder / 'motor', 'scene': 'flat', 'imu_rate': 200.0})
-        deadline = time.monotonic() + START
+        deadline = steady_time() + START
         while not (folder / 'motor').exists():
-            if time.monotonic() > deadline:
+            if steady_time() > deadline:
                 raise TimeoutError(f'the emulated robot has not started within {START:g} s')
             time.sleep(0.05)
         yield None
@@ -212,9 +213,9 @@ def run(emulated, control, **parameters):
         folder = Path(name)
         with running(folder, emulated, control, **parameters) as bench:
             bench.spin(SETTLE)
-            before, begin = processor_time(bench.process), time.monotonic()
+            before, begin = processor_time(bench.process), steady_time()
             bench.spin(WINDOW)
-            end = time.monotonic()
+            end = steady_time()
             share = 100.0 * (processor_time(bench.process) - before) / (end - begin)
         log = folder / 'log.csv'
         return share, applied(log, begin, end) if log.exists() else [], bench.sent

@@ -36,6 +36,7 @@ from ballbot_ros.bridge.drive_line import connector
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.session import Session
+from ballbot_ros.clock import steady_time
 from ballbot_ros.control import (
     load_tuning, Mode, PendulumController, SetPoint, SupervisedController, Supervision)
 from ballbot_ros.emulator.control import execute
@@ -91,7 +92,7 @@ class Rig:
         self.last, self.pushing, self.ending = 0.0, False, False
         for line in ('clear', 'plug', 'reset'):
             execute(self.emulator, line)
-        self.until(lambda: time.monotonic() > self.emulator.device.booted_at, 'the drive is up')
+        self.until(lambda: steady_time() > self.emulator.device.booted_at, 'the drive is up')
         self.session = Session(self.hardware, self.robot, connector(self.hardware),
                                law=self.law())
         self.session.configure()
@@ -104,7 +105,7 @@ class Rig:
             self.pushing = True
             self.until(lambda: self.emulator.torque, 'the motor applies a torque')
             time.sleep(random.uniform(0.1, 0.15))
-            begin = time.monotonic()
+            begin = steady_time()
             begin = fault.act(self) or begin
             return zero(self.emulator) - begin
         finally:
@@ -125,7 +126,7 @@ class Rig:
         """Feed the session with IMU readings, and commands or set-points."""
         turn = 0
         while not self.ending:
-            now, turn = time.monotonic(), turn + 1
+            now, turn = steady_time(), turn + 1
             sample = self.emulator.imu()
             try:
                 if self.imu:
@@ -152,9 +153,9 @@ class Rig:
 
     def until(self, condition, description, timeout=10.0):
         """Wait for a condition; raise TimeoutError with its description."""
-        end = time.monotonic() + timeout
+        end = steady_time() + timeout
         while not condition():
-            if time.monotonic() > end:
+            if steady_time() > end:
                 cause = self.session.supervisor.e_stop if self.session else None
                 raise TimeoutError(
                     f'not reached: {description}: {cause.text if cause else ""}')
@@ -287,7 +288,7 @@ def measure_nodes(book, control, repeats, only):
                 engage = bench.node.create_client(Trigger, 'bridge/engage_e_stop')
                 if before:
                     pull(bench)
-                    begin = time.monotonic()
+                    begin = steady_time()
                     if name == 'SIGTERM':
                         engage.call_async(Trigger.Request())
                     else:
@@ -297,28 +298,28 @@ def measure_nodes(book, control, repeats, only):
                     bench.spin(0.1)
                     bench.release()
                 pull(bench)
-                begin = time.monotonic()
+                begin = steady_time()
                 bench.nodes.signal('bridge', number)
                 book.add(control, name, zero(bench.emulator, bench.spin) - begin, repeats)
 
 
 def pull(bench):
     """Run the motor of a node under torque briefly."""
-    end = time.monotonic() + 20.0
+    end = steady_time() + 20.0
     while not bench.emulator.torque:
         bench.spin(0.02)
-        if time.monotonic() > end:
+        if steady_time() > end:
             raise TimeoutError('the motor never applies a torque')
     bench.spin(random.uniform(0.1, 0.15))
 
 
 def zero(emulator, pause=time.sleep):
     """Wait until the torque remains zero; return the time of the last torque [s]."""
-    end = time.monotonic() + LONGEST
-    while time.monotonic() < end:
+    end = steady_time() + LONGEST
+    while steady_time() < end:
         pause(0.005)
         last, torque = emulator.log[-1]
-        if torque == 0.0 and time.monotonic() - last > QUIET:
+        if torque == 0.0 and steady_time() - last > QUIET:
             return last
     raise TimeoutError(f'torque {LONGEST:g} s after the fault')
 

@@ -20,6 +20,7 @@ from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.bridge.session import Session
+from ballbot_ros.clock import steady_time
 from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.control import execute, LINE_FAULTS
 from ballbot_ros.emulator.emulator import Emulator
@@ -80,9 +81,9 @@ def measure():
         session.configure()
         session.activate()
         loop = Loop(session, hardware.connection.loop_rate, watcher.take)
-        begin, processor = time.monotonic(), time.process_time()
+        begin, processor = steady_time(), time.process_time()
         first = None
-        while time.monotonic() - begin < DURATION and loop.running:
+        while steady_time() - begin < DURATION and loop.running:
             time.sleep(rng.uniform(*PAUSE))
             refused += bool(session.supervisor.e_stop)
             try:
@@ -97,9 +98,9 @@ def measure():
             events += 1
             while emulator.log:
                 above += abs(emulator.log.popleft()[1]) > 1.001 * limit
-            if first is None and time.monotonic() - begin > 0.1 * DURATION:
+            if first is None and steady_time() - begin > 0.1 * DURATION:
                 first = used()
-        wall = time.monotonic() - begin
+        wall = steady_time() - begin
         processor = 100.0 * (time.process_time() - processor) / wall
         last = used()
         execute(emulator, 'clear')

@@ -23,24 +23,26 @@ import subprocess
 import sys
 from tempfile import TemporaryDirectory
 from threading import Event, Thread
-import time
 
 from bridge import applied, emulated_apart, running
 from loop import processor_time
 import numpy as np
 
+from ballbot_ros.clock import steady_time
+
 DRIVE_PRIORITY = 50
 GAPS = (0.005, 0.01, 0.02, 0.05, 0.1)  # between two torques in the drive [s]
 WAITING = """
 import signal, sys, time
-times = [time.monotonic()]
+from ballbot_ros.clock import steady_time
+times = [steady_time()]
 def end(number, frame):
     print(*times, sep='\\n')
     sys.exit()
 signal.signal(signal.SIGTERM, end)
 while True:
     time.sleep(0.002)
-    times.append(time.monotonic())
+    times.append(steady_time())
 """
 
 
@@ -142,13 +144,13 @@ def run(folder, arguments):
     with running(folder, drive, arguments.control, rearm=False, **parameters) as bench, \
             busy_processes(arguments.busy), kernel_workers(arguments.workers):
         bench.spin(1.0)
-        used, begin = processor_time(bench.process), time.monotonic()
-        while time.monotonic() - begin < arguments.seconds:
+        used, begin = processor_time(bench.process), steady_time()
+        while steady_time() - begin < arguments.seconds:
             bench.spin(0.1)
             if bench.status is not None and bench.status.e_stop:
                 stops[bench.status.e_stop_reason] += 1
                 bench.release(timeout=60.0)
-        end = time.monotonic()
+        end = steady_time()
         used = 100.0 * (processor_time(bench.process) - used) / (end - begin)
     return begin, end, stops, used
 

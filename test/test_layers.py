@@ -60,7 +60,7 @@ LAYERS['experiments'] = (*LAYERS, 'demo')
 LAYERS['cli'] = LAYERS['demo'] = (*LAYERS, 'cli', 'demo')
 
 # The modules and folders directly below ballbot_ros whose name is not that of their layer.
-PLACES = {'compile_notice': 'config', 'jit': 'config', 'table': 'config'}
+PLACES = {'clock': 'config', 'compile_notice': 'config', 'jit': 'config', 'table': 'config'}
 
 # Layers whose names the package itself offers, imported on use (test_python_api.py).
 OFFERED = ('errors', 'physics', 'crossing', 'results')
@@ -168,6 +168,14 @@ def test_only_one_module_imports_internals_of_rclpy():
     assert {module for module, path in modules().items()
             for _, name in imports(module, tree_of(path)) if internal.match(name)} == {
                 'ballbot_ros.ros.rclpy_compat'}
+
+
+def test_timeouts_of_the_hardware_include_suspensions_of_the_machine():
+    folders = ('drives', 'bridge', 'imus', 'emulator', 'nodes/bridge', 'nodes/imu')
+    sources = {path: path.read_text() for folder in folders
+               for path in (ROOT / 'ballbot_ros' / folder).rglob('*.py')}
+    assert any('steady_time' in text for text in sources.values())
+    assert not [path for path, text in sources.items() if re.search(r'\bmonotonic\(', text)]
 
 
 def test_there_are_no_import_cycles():

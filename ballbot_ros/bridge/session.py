@@ -13,7 +13,6 @@ from dataclasses import replace
 from enum import auto, Enum
 import math
 import threading
-import time
 from typing import Any, Callable, List, NamedTuple, Optional, Tuple
 
 from ballbot_ros.bridge.condition import Condition
@@ -24,6 +23,7 @@ from ballbot_ros.bridge.motor_state import MEASUREMENT_AGE_MAX, MotorState
 from ballbot_ros.bridge.observer import SessionObserver
 from ballbot_ros.bridge.sensing import Estimated, IMU_RECOVERY_TIME, Sensing
 from ballbot_ros.bridge.supervisor import EStop, StopReason
+from ballbot_ros.clock import steady_time
 from ballbot_ros.control import Mode, SetPoint, SupervisedController
 from ballbot_ros.control.checked import warm_up as warm_up_laws
 from ballbot_ros.control.command_gate import CLOCK_SKEW_MAX
@@ -132,7 +132,7 @@ class Session:
     """
 
     def __init__(self, hardware: Hardware, robot: Robot, connect: Callable[[], Driver],
-                 clock: Callable[[], float] = time.monotonic,
+                 clock: Callable[[], float] = steady_time,
                  observer: SessionObserver = SessionObserver(),
                  law: Optional[SupervisedController] = None,
                  connect_lateral: Optional[Callable[[], Driver]] = None,

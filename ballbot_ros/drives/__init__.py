@@ -33,10 +33,10 @@ With an emulated drive in memory:
 """
 from importlib import import_module
 from pkgutil import resolve_name
-import time
 from types import ModuleType
 from typing import Any, Callable, Mapping, NamedTuple, Optional, Type
 
+from ballbot_ros.clock import steady_time
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.drives.capture import TrafficSink
 from ballbot_ros.drives.contract import DriveOptions, SerialLine
@@ -124,7 +124,7 @@ def open_line(protocol: str, port: str, baud: int,
 
 
 def open_driver(protocol: str, line: SerialLine, options: DriveOptions,
-                clock: Callable[[], float] = time.monotonic) -> Driver:
+                clock: Callable[[], float] = steady_time) -> Driver:
     """
     Return a driver on an open line; nothing is sent yet.
 

@@ -17,9 +17,9 @@ suffix ``.1``, older parts are deleted.
 """
 import logging
 from pathlib import Path
-import time
 from typing import NamedTuple, Optional, Protocol
 
+from ballbot_ros.clock import steady_time
 from ballbot_ros.errors import ConfigurationError
 
 # The loop of the bridge forwards the records of this logger between its periods.
@@ -74,7 +74,7 @@ class Recorder:
 
     def __init__(self, path: Path):
         self.failure: Optional[str] = None
-        self._start = time.monotonic()
+        self._start = steady_time()
         self._path, self._size = Path(path), 0
         try:
             part_before(self._path).unlink(missing_ok=True)
@@ -86,7 +86,7 @@ class Recorder:
     def record(self, direction: str, data: bytes) -> None:
         """Write a piece of traffic."""
         if self.failure is None:
-            line = f'{time.monotonic() - self._start:.6f} {direction} {data.hex()}\n'
+            line = f'{steady_time() - self._start:.6f} {direction} {data.hex()}\n'
             try:
                 if self._size + len(line) > MOST_BYTES:
                     self._file.close()

@@ -19,9 +19,9 @@ If replies identify their request (VESC), each request is a separate kind.
 from abc import ABC, abstractmethod
 from collections import Counter, deque
 import math
-import time
 from typing import Any, Callable, ClassVar, NamedTuple, Optional, Type, Union
 
+from ballbot_ros.clock import steady_time
 from ballbot_ros.drives.contract import (
     DriveOptions, Hazard, Identity, SerialLine, Setting, StreamParser, Telemetry, WireBudget)
 from ballbot_ros.errors import DriveError, MessageError
@@ -194,7 +194,7 @@ class Driver(ABC):
     _parser: StreamParser
 
     def __init__(self, line: SerialLine, options: DriveOptions,
-                 clock: Callable[[], float] = time.monotonic):
+                 clock: Callable[[], float] = steady_time):
         self.line = line
         self.options = options
         self.clock = clock

@@ -21,6 +21,7 @@ from typing import Any, Callable, Optional, Protocol
 import serial
 from serial.tools import list_ports
 
+from ballbot_ros.clock import steady_time
 from ballbot_ros.drives.capture import TrafficSink
 from ballbot_ros.errors import LinkError
 
@@ -93,9 +94,9 @@ class Descriptor:
         written = self._written(data)
         if written == len(data):
             return True
-        deadline = time.monotonic() + LONGEST_WRITE
+        deadline = steady_time() + LONGEST_WRITE
         while written < len(data):
-            if not self._room.poll(1e3 * SEND_TIMEOUT) or time.monotonic() > deadline:
+            if not self._room.poll(1e3 * SEND_TIMEOUT) or steady_time() > deadline:
                 return False
             written += self._written(data[written:])
         return True
@@ -146,9 +147,9 @@ class Indirect:
     def wait(self, seconds: float, least: int) -> bool:
         if self._descriptor is not None:
             return bool(select.select([self._descriptor], [], [], max(0.0, seconds))[0])
-        deadline = time.monotonic() + seconds
+        deadline = steady_time() + seconds
         while not self._port.in_waiting:
-            if time.monotonic() >= deadline:
+            if steady_time() >= deadline:
                 return False
             time.sleep(POLL_PERIOD)
         return True

@@ -10,9 +10,9 @@ import math
 from pathlib import Path
 import socketserver
 from threading import Thread
-import time
 from typing import Callable, NamedTuple, Optional
 
+from ballbot_ros.clock import steady_time
 from ballbot_ros.config.fields import suggestion
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.emulator.line import LineFaults
@@ -128,7 +128,7 @@ def execute(emulator: Emulator, line: str) -> str:
             raise ConfigurationError(
                 f'{name}: the number must be at least {fault.least:g} and at most '
                 f'{fault.most:g}, got {number:g}', 'out_of_range', name)
-        emulator.call(lambda: fault.act(emulator, number, time.monotonic()))
+        emulator.call(lambda: fault.act(emulator, number, steady_time()))
     else:
         known = (*FAULTS, *LINE_FAULTS, 'state')
         raise ConfigurationError(f'{name!r} is not a fault{suggestion(name, known)}',

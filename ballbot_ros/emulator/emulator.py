@@ -11,6 +11,7 @@ from threading import Event, Thread
 import time
 from typing import Any, Callable, Deque, Optional, Tuple
 
+from ballbot_ros.clock import steady_time
 from ballbot_ros.drives import CAN, device_class, driver_class, line_of, SERIAL
 from ballbot_ros.drives.emulated_device import Device, DriveSettings
 from ballbot_ros.emulator.ball import Ball, PERIOD, settings_for
@@ -155,7 +156,7 @@ class Emulator:
         self.to_drive, self.from_drive = Direction(baud, rng), Direction(baud, rng)
         self.terminal = (
             PseudoTerminal if line_of(protocol) is SERIAL else SlcanAdapter)(link)
-        # Changes of the torque: time of time.monotonic [s], torque at the motor shaft [N m].  The
+        # Changes of the torque: time of `steady_time` [s], torque at the motor shaft [N m].  The
         # garbage collector does not track plain tuples of numbers: each pass through a long log
         # of other objects would delay the drive beyond its watchdog.
         self.log: Deque[Tuple[float, float]] = deque(maxlen=LONGEST_LOG)
@@ -243,9 +244,9 @@ class Emulator:
 
     def _run(self) -> None:
         try:
-            before = time.monotonic()
+            before = steady_time()
             while self._running:
-                now = time.monotonic()
+                now = steady_time()
                 self._step(now, now - before)
                 before = now
                 self.terminal.wait(self._pause(now))

@@ -2,9 +2,9 @@
 """An emulated inertial sensor on a pseudo-terminal, in a thread."""
 from pathlib import Path
 import threading
-import time
 from typing import Optional
 
+from ballbot_ros.clock import steady_time
 from ballbot_ros.emulator.terminal import PseudoTerminal
 from ballbot_ros.imus import emulated_class
 
@@ -46,7 +46,7 @@ class ImuLine:
             while not self._ending.is_set():
                 self._terminal.wait(POLL_PERIOD)
                 received = self._terminal.read()
-                data = self.device.tick(time.monotonic())
+                data = self.device.tick(steady_time())
                 # With another baud rate, neither side receives valid data.
                 if self._terminal.baud == self.device.baud:
                     self._terminal.write(data)

@@ -7,6 +7,7 @@ import math
 import time
 from typing import Callable, List, NamedTuple, Optional
 
+from ballbot_ros.clock import steady_time
 from ballbot_ros.config.fields import Checked, count, quantity, text
 from ballbot_ros.drives.contract import SerialLine
 from ballbot_ros.drives.transport import Link
@@ -64,7 +65,7 @@ class ImuPort(Checked):
 class StampedReading(NamedTuple):
     """A reading in the axes of the shell."""
 
-    stamp: float  # of the monotonic clock [s]
+    stamp: float  # of `steady_time` [s]
     turn_rate: Vector  # about forward, left, up [rad/s]
     force: Vector  # along the same axes [m/s2]
     saturated: bool
@@ -168,7 +169,7 @@ class ImuSource:
                 return self._open(timeout)
             if not self._line.wait(timeout):
                 return self._check_timeout(self._line)
-            arrival, data = time.monotonic(), self._line.read()
+            arrival, data = steady_time(), self._line.read()
             return self._take(self._line, data, arrival)
         except LinkError as error:
             self._disconnect(str(error))
@@ -181,7 +182,7 @@ class ImuSource:
             line.close()
 
     def _open(self, timeout: float) -> List[StampedReading]:
-        now = time.monotonic()
+        now = steady_time()
         if now < self._open_at:
             time.sleep(min(timeout, self._open_at - now))
             return []
@@ -189,7 +190,7 @@ class ImuSource:
         self._line = self._connect(self._baud)
         self._restart()
         self._write(self._line, self._sensor.configure(self._baud))
-        self._received_at = time.monotonic()
+        self._received_at = steady_time()
         return []
 
     def _restart(self) -> None:
@@ -234,7 +235,7 @@ class ImuSource:
 
     def _check_timeout(self, line: SerialLine) -> List[StampedReading]:
         """Change to the other baud rate when no readings arrive."""
-        if time.monotonic() - self._received_at > READING_TIMEOUT:
+        if steady_time() - self._received_at > READING_TIMEOUT:
             self.trouble = (
                 f'no readings at {self._baud} baud on {line.port}'
                 + (': bytes arrive, but none are valid' if self._parser.counts['skipped'] else ''))

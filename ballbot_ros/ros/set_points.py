@@ -7,6 +7,7 @@ from typing import Any, Callable
 
 from rclpy.node import Node
 
+from ballbot_ros.clock import steady_time
 from ballbot_ros.control import Authority, SetPoint
 from ballbot_ros.errors import MessageError
 from ballbot_ros.ros.cmd_vel import speed_set_point, SpeedSubscription
@@ -44,7 +45,7 @@ class SetPoints:
         try:
             given = convert(message, self.steers)
             try:
-                self.authority.check(self._publishers[topic].name(), time.monotonic())
+                self.authority.check(self._publishers[topic].name(), steady_time())
             except MessageError:
                 self._record_request(given)
                 raise

@@ -14,6 +14,7 @@ from std_msgs.msg import Bool, Header
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.bridge.session import Report, Session
 from ballbot_ros.bridge.supervisor import EStop
+from ballbot_ros.clock import steady_time
 from ballbot_ros.control import Mode
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import Estimate, ImuReading
@@ -54,7 +55,7 @@ class Clocks:
 
     @property
     def _ahead(self) -> float:
-        now = time.monotonic()
+        now = steady_time()
         if now >= self._sample_at:
             self._sample(now)
         return self._offset
@@ -62,7 +63,7 @@ class Clocks:
     def _sample(self, now: float) -> None:
         """Sample the offset; a sample that took too long is repeated with the next call."""
         stamp = time.time()
-        after = time.monotonic()
+        after = steady_time()
         if after - now > LONGEST_SAMPLE and math.isfinite(self._offset):
             return  # this process was preempted between the readings
         self._sample_at = after + SAMPLE_PERIOD
@@ -96,7 +97,7 @@ def imu_reading(message: AnyImu, clocks: Clocks) -> ImuReading:
                                'not_reported', what)
     stamp = to_seconds(message.header.stamp)
     return ImuReading(
-        clocks.steady(stamp) if stamp else time.monotonic(), -message.angular_velocity.y,
+        clocks.steady(stamp) if stamp else steady_time(), -message.angular_velocity.y,
         message.linear_acceleration.x, message.linear_acceleration.z)
 
 
@@ -160,7 +161,7 @@ class MotorOutputs:
             if engaged is not self._published:
                 self._published = engaged
                 if engaged:
-                    self.engaged_at = time.monotonic()
+                    self.engaged_at = steady_time()
                 self._e_stop.publish(Bool(data=engaged))
 
     def publish(self, report: Report) -> None:
@@ -183,7 +184,7 @@ class MotorOutputs:
         self.publish_e_stop(bool(e_stop))
         self._state = state
         self._status.publish(MotorStatus(
-            header=self._header(time.monotonic()), state=state, **_cause(e_stop), derating=1.0,
+            header=self._header(steady_time()), state=state, **_cause(e_stop), derating=1.0,
             warnings=[unconfirmed] if unconfirmed else [],
             control=_control(session.law),
             **dict.fromkeys(NUMBERS, math.nan)))

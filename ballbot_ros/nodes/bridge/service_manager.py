@@ -8,11 +8,11 @@ systemd did not start has no such socket and sends nothing.
 from contextlib import suppress
 import os
 import socket
-import time
 from typing import Optional
 
 from ballbot_ros.bridge.loop import Loop
 from ballbot_ros.bridge.session import Report, Session
+from ballbot_ros.clock import steady_time
 from ballbot_ros.nodes.bridge.health import summary
 
 # Watchdog messages per watchdog timeout of systemd.
@@ -57,7 +57,7 @@ class ServiceManager:
         # Retry a message that a full queue has rejected.
         if status != self._status and self._notify(f'STATUS={status}'):
             self._status = status
-        now = time.monotonic()
+        now = steady_time()
         # Before configure there is no loop: a timer searches for a missing drive.
         if self._every > 0.0 and now >= self._next and failure is None \
                 and (loop is None or self._beats != self._seen):

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """An inertial sensor as a topic: a separate thread reads and publishes each sample."""
 import threading
-import time
 from typing import Callable, Mapping, Optional
 
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
 
+from ballbot_ros.clock import steady_time
 from ballbot_ros.errors import LinkError
 from ballbot_ros.imus.source import ImuPort, open_source, StampedReading
 from ballbot_ros.nodes.bridge.motor import Clocks, imu_message
@@ -47,7 +47,7 @@ class ImuOutput:
         self._clocks = Clocks()
         self.set_deviations(port.gyro_sd, port.force_sd)
         self._publisher = create_publisher(node, 'imu')
-        self._counted, self._counted_at, self._rate = 0, time.monotonic(), 0.0
+        self._counted, self._counted_at, self._rate = 0, steady_time(), 0.0
         self._diagnostics = diagnostics.Diagnostics(
             node, 'imu', self._health, f'imu on {port.port}')
         self.failure: Optional[LinkError] = None
@@ -84,7 +84,7 @@ class ImuOutput:
         return message
 
     def _health(self) -> diagnostics.Health:
-        counts, now = dict(self.source.counts), time.monotonic()
+        counts, now = dict(self.source.counts), steady_time()
         if now > self._counted_at:
             self._rate = (counts['readings'] - self._counted) / (now - self._counted_at)
         self._counted, self._counted_at = counts['readings'], now

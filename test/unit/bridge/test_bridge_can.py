@@ -17,6 +17,7 @@ from ballbot_ros.bridge.feasibility import check_feasible
 from ballbot_ros.bridge.hardware_file import load_hardware
 from ballbot_ros.bridge.motor_state import MotorState
 from ballbot_ros.bridge.session import Session
+from ballbot_ros.clock import steady_time
 from ballbot_ros.drives import device_class
 from ballbot_ros.drives.can_transport import CanLink
 from ballbot_ros.drives.emulated_device import DriveSettings
@@ -46,7 +47,7 @@ class BusDrive(threading.Thread):
     def _loop(self):
         while self.running:
             self._line.wait(0.001)
-            now = time.monotonic()
+            now = steady_time()
             self.device.tick(now)
             reply = self.device.receive(self._line.read(), now)
             if reply:
@@ -68,12 +69,12 @@ class BusRobot:
 
     def run(self, seconds, torque=None, until=lambda report: False):
         """Tick the session, command a torque if one is given, and return the last report."""
-        end = time.monotonic() + seconds
+        end = steady_time() + seconds
         report = None
-        while time.monotonic() < end and not (report and until(report)):
+        while steady_time() < end and not (report and until(report)):
             report = self.session.report(self.session.tick()) or report
             if torque is not None:
-                self.session.command(torque, time.monotonic())
+                self.session.command(torque, steady_time())
             time.sleep(PERIOD)
         return report
 
@@ -117,7 +118,7 @@ def test_bus_off_disconnects_the_drive_and_its_watchdog_ends_the_torque(robot):
     assert robot.session.control.power.state is MotorState.DISCONNECTED
     assert robot.session.control.counts['links_lost'] == 1
     robot.drive.join()
-    robot.drive.device.tick(time.monotonic() + 0.2)
+    robot.drive.device.tick(steady_time() + 0.2)
     assert robot.drive.device.torque() == 0.0
 
 

@@ -75,8 +75,9 @@ def run(line, source, seconds):
 def line(monkeypatch):
     """Return a line with a sensor, whose clock the source uses."""
     line = SensorLine()
+    monkeypatch.setattr(source_module, 'steady_time', line.clock)
     monkeypatch.setattr(source_module, 'time', SimpleNamespace(
-        monotonic=line.clock, sleep=lambda seconds: line.sleep(seconds)))
+        sleep=lambda seconds: line.sleep(seconds)))
     return line
 
 

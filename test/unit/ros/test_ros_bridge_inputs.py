@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Floods of refused messages, and a release before the bridge has received its own e-stop."""
 import math
-import time
 
 import pytest
 from rclpy.node import Node
@@ -9,6 +8,7 @@ from sensor_msgs.msg import Imu, JointState
 from tiers import slow
 
 from ballbot_ros.bridge.supervisor import EStop, StopReason
+from ballbot_ros.clock import steady_time
 from ballbot_ros.imus.source import StampedReading
 from ballbot_ros.nodes.bridge.inputs import REFUSED_PAUSE, RELEASE_DELAY
 from ballbot_ros.nodes.bridge.node import Bridge
@@ -37,10 +37,10 @@ def test_a_flood_of_non_finite_messages_is_refused_at_a_limited_rate(
         make_node, tmp_path, capfd, send, message, what):
     node = make_node(Bridge, autostart=False, black_box='', control='direct',
                      port=str(tmp_path / 'nowhere'))
-    start = time.monotonic()
+    start = steady_time()
     for _ in range(FLOOD):
         getattr(node._inputs, send)(message)
-    spent = time.monotonic() - start
+    spent = steady_time() - start
     assert spent >= FLOOD * REFUSED_PAUSE
     text = capfd.readouterr().err
     logged = text.count(f'{what} refused')
@@ -54,7 +54,7 @@ def test_a_flood_of_non_finite_messages_is_refused_at_a_limited_rate(
 def test_old_readings_of_the_own_port_are_refused_without_a_pause(
         make_node, tmp_path, monkeypatch):
     node = make_node(Bridge, autostart=False, black_box='', port=str(tmp_path / 'nowhere'))
-    pauses, old = [], time.monotonic() - 1.0
+    pauses, old = [], steady_time() - 1.0
     monkeypatch.setattr('ballbot_ros.nodes.bridge.inputs.sleep', pauses.append)
     for _ in range(FLOOD):
         node._inputs.imu(StampedReading(old, (0.0, 0.0, 0.0), (0.0, 0.0, 9.81), False))
@@ -80,7 +80,7 @@ def test_imu_readings_of_two_nodes_are_refused(make_node, tmp_path, monkeypatch,
 def test_a_release_is_too_early_before_the_bridge_has_received_its_own_e_stop(
         make_node, spinner, tmp_path, monkeypatch):
     node = make_node(Bridge, autostart=False, black_box='', port=str(tmp_path / 'nowhere'))
-    now, reasons = [time.monotonic()], []
+    now, reasons = [steady_time()], []
     monkeypatch.setattr(node._session, 'clock', lambda: now[0])
     monkeypatch.setattr(node._session, 'release', reasons.append)
     spinner.add(node)

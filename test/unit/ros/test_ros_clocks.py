@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stamps use a clock that may be set, and timeouts a monotonic clock."""
+"""Stamps use a clock that may be set, and timeouts a steady clock."""
 from types import SimpleNamespace
 
 import pytest
@@ -16,9 +16,6 @@ class Time:
     def __init__(self):
         self.steady, self.offset, self.held_up = 100.0, START, 0.0
 
-    def monotonic(self):
-        return self.steady
-
     def time(self):
         stamp = self.steady + self.offset
         self.steady += self.held_up  # preempted between the two readings
@@ -30,6 +27,7 @@ def machine(monkeypatch):
     """Return the clocks of a machine."""
     made = Time()
     monkeypatch.setattr(motor, 'time', made)
+    monkeypatch.setattr(motor, 'steady_time', lambda: made.steady)
     return made
 
 

@@ -10,6 +10,7 @@ from refusals import refused
 from waiting import wait_until
 import yaml
 
+from ballbot_ros.clock import steady_time
 from ballbot_ros.config.files import read_yaml, shipped_folder
 from ballbot_ros.emulator.imu_line import ImuLine
 from ballbot_ros.errors import LinkError
@@ -58,7 +59,7 @@ def test_a_sensor_with_factory_settings_gives_messages_that_the_bridge_accepts(
         reading = imu_reading(message, Clocks())
         assert reading.turn_rate == pytest.approx(-0.25, abs=0.002)
         assert reading.forward == pytest.approx(0.5, abs=0.01)
-        assert 0.0 <= time.monotonic() - reading.stamp < 0.5
+        assert 0.0 <= steady_time() - reading.stamp < 0.5
         assert message.header.frame_id == 'imu_link'
         assert message.orientation_covariance[0] == -1.0
         assert message.angular_velocity_covariance[4] == pytest.approx(0.005**2)
@@ -90,7 +91,7 @@ class Source:
         time.sleep(0.01)
         if self.error is not None:
             raise self.error
-        return [StampedReading(time.monotonic(), (0.0,) * 3, (0.0,) * 3, False)]
+        return [StampedReading(steady_time(), (0.0,) * 3, (0.0,) * 3, False)]
 
     def close(self):
         """Do nothing."""
@@ -144,13 +145,13 @@ def test_the_bridge_reads_a_sensor_itself_if_its_hardware_file_has_the_port(
                      black_box='', port='/dev/none')
     try:
         watch = node._session.sensing.imu_watch
-        wait_until(lambda: watch.has(time.monotonic()))
+        wait_until(lambda: watch.has(steady_time()))
         last = node._session.fusion._waiting[-1]
         assert last.turn_rate == pytest.approx(0.25, abs=0.01)  # its left axis points right
         assert last.forward == pytest.approx(-0.5, abs=0.02)
         assert not node._inputs.imu_refused
         sensor.stop()
-        wait_until(lambda: not watch.has(time.monotonic()))
+        wait_until(lambda: not watch.has(steady_time()))
     finally:
         node.make_safe()
 

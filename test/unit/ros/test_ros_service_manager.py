@@ -41,10 +41,6 @@ class Systemd:
             except BlockingIOError:
                 return found
 
-    def monotonic(self):
-        """Return the time [s]."""
-        return self.now
-
 
 @pytest.fixture(params=('file', 'abstract'))
 def systemd(request, tmp_path, monkeypatch):
@@ -54,7 +50,7 @@ def systemd(request, tmp_path, monkeypatch):
     found = Systemd(address if request.param == 'file' else '\0' + name)
     monkeypatch.setenv('NOTIFY_SOCKET', address)
     monkeypatch.setenv('WATCHDOG_USEC', '10000000')
-    monkeypatch.setattr(service_manager, 'time', found)
+    monkeypatch.setattr(service_manager, 'steady_time', lambda: found.now)
     yield found
     found.socket.close()
 

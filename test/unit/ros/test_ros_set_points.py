@@ -67,8 +67,7 @@ def test_the_first_sender_is_followed_until_its_timeout(robot):
 def test_a_flood_of_refused_set_points_pauses_only_the_bridge(
         make_node, spinner, monkeypatch, cls, parameters, refused, pauses):
     node, peer, slept = make_node(cls, **parameters), make_node(Node, 'peer'), []
-    monkeypatch.setattr('ballbot_ros.ros.set_points.time', SimpleNamespace(
-        monotonic=time.monotonic, sleep=slept.append))
+    monkeypatch.setattr('ballbot_ros.ros.set_points.time', SimpleNamespace(sleep=slept.append))
     spinner.add(node, peer)
     angles, message = create_publisher(peer, 'set_point'), set_point_message(Time(), math.nan)
     spinner.until(lambda: refused(node)['not_finite'] > 3, lambda: angles.publish(message))
