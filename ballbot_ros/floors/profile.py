@@ -88,7 +88,8 @@ def cut(floor: Floor, place: Point, heading: float, level: float = 0.0, radius: 
                       _intervals(feature.polygon, place, along)]
         elif feature.kind != 'keep_out':
             for begin, end in _areas(feature, place, along):
-                low, high = (_added(feature, place, along, at[0]) for at in (begin, end))
+                low, high = (added_height(feature, place[0] + at * along[0],
+                                          place[1] + at * along[1]) for at, _ in (begin, end))
                 parts.append(_Part(begin[0], end[0], low, high))
                 edges += [Edge(begin[0], low, begin[1]), Edge(end[0], -high, end[1])]
     edges = _faces(edges)
@@ -187,7 +188,7 @@ def area_height(floor: Floor, place: Point) -> float:
     """Return the height of the ground at a position due to areas and the height map [m]."""
     uneven = float(floor.heights.at(*place)) if floor.heights is not None else 0.0
     return uneven + sum(
-        _added(feature, place, (1.0, 0.0), 0.0) for feature in floor.features
+        added_height(feature, *place) for feature in floor.features
         if feature.kind not in ('step', 'drop', 'friction', 'keep_out')
         and any(inside(*place, polygon) for polygon in polygons(feature)))
 
@@ -206,6 +207,18 @@ def depth(feature: Feature) -> float:
     """Return the height of a feature, `UNKNOWN_DEPTH` if that of a drop or stairs is 0 [m]."""
     unknown = feature.kind in ('drop', 'stairs') and feature.height == 0.0
     return UNKNOWN_DEPTH if unknown else feature.height
+
+
+def added_height(feature: Feature, x: float, y: float) -> float:
+    """Return the height that an area adds to the ground at a position within it [m]."""
+    if feature.kind == 'stairs':
+        return -depth(feature)
+    if feature.kind != 'ramp':
+        return feature.height
+    foot, top = feature.line[0], feature.line[-1]
+    way = (top[0] - foot[0], top[1] - foot[1])
+    return float(feature.height * ((x - foot[0]) * way[0] + (y - foot[1]) * way[1])
+                 / (way[0]**2 + way[1]**2))
 
 
 def polygons(feature: Feature) -> List[Tuple[Point, ...]]:
@@ -236,18 +249,6 @@ def _areas(feature: Feature, place: Point, along: Point
         else:
             merged.append((begin, end))
     return merged
-
-
-def _added(feature: Feature, place: Point, along: Point, at: float) -> float:
-    """Return the height of an area at a position on the line within it [m]."""
-    if feature.kind == 'stairs':
-        return -depth(feature)
-    if feature.kind != 'ramp':
-        return feature.height
-    foot, top = feature.line[0], feature.line[-1]
-    way = (top[0] - foot[0], top[1] - foot[1])
-    x, y = place[0] + at * along[0] - foot[0], place[1] + at * along[1] - foot[1]
-    return float(feature.height * (x * way[0] + y * way[1]) / (way[0]**2 + way[1]**2))
 
 
 def _intervals(polygon: Sequence[Point], place: Point, along: Point

@@ -11,7 +11,7 @@ from trimesh.util import concatenate
 from ballbot_ros.figures.canvas import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILION
 from ballbot_ros.floors.floor import Feature, Floor, inside, OCCUPIED, Point, rectangles
 from ballbot_ros.floors.levels import levels
-from ballbot_ros.floors.profile import area_height, depth, polygons
+from ballbot_ros.floors.profile import added_height, area_height, depth, polygons
 from ballbot_ros.physics.model.terrain import Array
 
 # Walls are cut at this height, so that the rooms are visible [m].
@@ -95,17 +95,10 @@ def _feature(floor: Floor, feature: Feature) -> Mesh:
     for outline in polygons(feature):
         middle = np.mean(outline, axis=0)
         base = base_level(floor, (float(middle[0]), float(middle[1])))
-        count = len(outline)
-        if feature.kind == 'ramp':
-            foot, top = np.array(feature.line[0]), np.array(feature.line[-1])
-            run = top - foot
-            high = base + feature.height * ((np.array(outline) - foot) @ run) / (run @ run)
-        elif feature.kind == 'stairs':
-            high = np.full(count, base - depth(feature))
-        else:
-            high = np.full(count, base + (feature.height if feature.height < 0.0
-                                          else max(feature.height, PAINT_DEPTH)))
-        parts.append(prism(outline, np.minimum(high, base) - SLAB_DEPTH, high))
+        added = np.array([added_height(feature, *corner) for corner in outline])
+        if feature.kind != 'ramp' and added[0] >= 0.0:
+            added = np.maximum(added, PAINT_DEPTH)  # a flat area is visible
+        parts.append(prism(outline, base + np.minimum(added, 0.0) - SLAB_DEPTH, base + added))
     return concatenate(parts)
 
 
