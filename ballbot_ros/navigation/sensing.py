@@ -41,16 +41,10 @@ def faces_in(observation: TerrainObservation) -> Tuple[Tuple[float, float], ...]
     sd = max(observation.z_sd, default=0.0)
     # Samples between two points of the polyline are not independent.
     threshold = max(FACE_HEIGHT_MIN, SIGMAS * sd / np.sqrt(2.0))
-    found, index = [], 0
-    while index < len(rises):
-        if abs(rises[index]) <= threshold:
-            index += 1
-            continue
-        end = index
-        while end < len(rises) and abs(rises[end]) > threshold \
-                and (rises[end] > 0.0) == (rises[index] > 0.0):
-            end += 1
-        best = index + int(np.argmax(np.abs(rises[index:end])))
-        found.append((float(at[best + SAMPLES]), float(rises[best])))
-        index = end
+    signs = np.where(np.abs(rises) > threshold, np.sign(rises), 0.0)
+    found = []
+    for face in np.split(np.arange(len(rises)), np.flatnonzero(np.diff(signs)) + 1):
+        best = face[np.argmax(np.abs(rises[face]))]
+        if signs[best]:
+            found.append((float(at[best + SAMPLES]), float(rises[best])))
     return tuple(found)
