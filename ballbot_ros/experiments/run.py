@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run an experiment into a folder with its bags, inputs, versions, results and digests."""
-import csv
 from functools import partial
 import hashlib
 from importlib.metadata import PackageNotFoundError, version
-import io
 import json
 from pathlib import Path
 import platform
@@ -24,7 +22,8 @@ from ballbot_ros.experiments.file import Experiment, FILE, freeze, load_experime
 from ballbot_ros.physics import load_scene, Scene
 from ballbot_ros.results.digests import digest, LENGTH
 from ballbot_ros.results.faces import meet_faces
-from ballbot_ros.results.files import check_writable, write_json, write_text
+from ballbot_ros.results.files import (
+    check_writable, write_columns, write_json, write_text)
 from ballbot_ros.results.summary import plain as as_json_types
 from ballbot_ros.ros.topics import plain
 
@@ -93,7 +92,7 @@ def _run_missing(folder: Path, plan: Experiment, timeout: float, say: Any) -> bo
         say(f'seed {seed}: {words(result)}')
     results = [json.loads((folder / f'seed_{seed}' / RESULT).read_text(encoding='utf-8'))
                for seed in plan.seeds]
-    write_text(table(results), folder / TABLE)
+    write_table(results, folder / TABLE)
     say(f'Written to {folder}: {TABLE}, {VERSIONS}, a folder for each seed with its bag.  To '
         f'repeat and compare: ballbot run {quote(str(folder))}')
     return True
@@ -193,16 +192,13 @@ def words(result: dict[str, Any]) -> str:
             f'{sum(result["messages"].values())} messages')
 
 
-def table(results: list[dict[str, Any]]) -> str:
-    """Return the numbers of all seeds as comma-separated values."""
-    units = {'x': 'm', 'speed': 'm/s', 'highest_speed': 'm/s', 'pendulum_angle': 'rad',
-             'pendulum_torque': 'N m', 'motor_work': 'J', 'faces_passed': '1'}
-    stream = io.StringIO()
-    rows = csv.writer(stream, lineterminator='\n')
-    rows.writerow(['seed [1]', *(f'{name} [{unit}]' for name, unit in units.items())])
-    rows.writerows([item['seed'], *(repr(item['numbers'][name]) for name in units)]
-                   for item in results)
-    return stream.getvalue()
+def write_table(results: list[dict[str, Any]], path: Path) -> None:
+    """Write the numbers of all seeds as CSV."""
+    units = {'seed': '1', 'x': 'm', 'speed': 'm/s', 'highest_speed': 'm/s',
+             'pendulum_angle': 'rad', 'pendulum_torque': 'N m', 'motor_work': 'J',
+             'faces_passed': '1'}
+    rows = [{'seed': item['seed'], **item['numbers']} for item in results]
+    write_columns({name: np.array([row[name] for row in rows]) for name in units}, units, path)
 
 
 Digests = Dict[str, Dict[int, str]]  # of messages, by topic and stamp [ns]
