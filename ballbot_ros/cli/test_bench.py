@@ -70,11 +70,11 @@ def make_bench(arguments: argparse.Namespace) -> Any:
 
 def write_all(robot: Any, bench: Any, rolls: list[Any], folder: Path) -> list[str]:
     """Write measurements, true states and figure, and return the names of the files."""
-    from ballbot_ros.paper.heights import bench_curves, bench_figure
+    from ballbot_ros.paper.heights import bench_figure
     from ballbot_ros.results import write_text
     write_text('\n'.join(measured_rows(bench, rolls)) + '\n', folder / 'tests.csv')
     write_text('\n'.join(true_rows(rolls)) + '\n', folder / 'truth.csv')
-    figure = bench_figure(rolls, bench_curves(robot, bench),
+    figure = bench_figure(robot, bench, rolls,
                           f'{robot.name}, {bench.setting_name} varied: {len(rolls)} rolls')
     return ['tests.csv', 'truth.csv', *save_figure(figure, folder, 'tests')]
 

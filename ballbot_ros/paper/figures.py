@@ -17,7 +17,7 @@ from ballbot_ros.figures.film import stacked
 from ballbot_ros.paper import contact_laws, design, mujoco_check, pulled_plug
 from ballbot_ros.paper.cases import ACCURACY, Case, holding, LEVEL, SPEEDS, step_heights
 from ballbot_ros.paper.heights import (
-    draw_curves, draw_rolls, height_axes, HeightLine, place_legend, quasi_static_curve)
+    draw_curve, draw_quasi_static, draw_rolls, height_axes, place_legend)
 from ballbot_ros.paper.procedure import run_tests, true_thresholds
 from ballbot_ros.paper.test_bench import Bench, Ramp, Roll, RunUp
 from ballbot_ros.physics import load_robot, load_scene
@@ -45,9 +45,9 @@ def figure_5(progress: Progress = ignore) -> Figure:
             axes = height_axes(figure, (left, 0.115, 0.43, 0.76), robot.name, highest, 1.4)
             label = 'pendulum free, simulated' if robot.has_pendulum else 'simulated'
             axes.set_xlabel('collision speed; of the rolls: by the sensors [m/s]')
-            draw_curves(axes, [HeightLine(label, SPEEDS, step_heights(Case(robot), SPEEDS))])
+            draw_curve(axes, label, SPEEDS, step_heights(Case(robot), SPEEDS))
             if robot.has_pendulum:
-                draw_curves(axes, [quasi_static_curve(robot)])
+                draw_quasi_static(axes, robot)
             report()
             rolls = _rolls(Ramp(), robot, highest)
             draw_rolls(axes, rolls)
@@ -73,14 +73,13 @@ def figure_6(progress: Progress = ignore) -> Figure:
         report()
         energy = np.array([comparators.energy(robot, speed) for speed in SPEEDS.tolist()])
         cubic = np.array(np.polyval(np.polyfit(SPEEDS, level, 3), SPEEDS), dtype=np.float64)
-        draw_curves(axes, [
-            HeightLine('energy is kept', SPEEDS, energy, canvas.GREY, '-.', 1.2),
-            HeightLine('pendulum held level, (11)', SPEEDS, level, canvas.VERMILION),
-            HeightLine('cubic through these', SPEEDS, cubic, canvas.INK, (0, (1, 2)), 1.8),
-            HeightLine('ball driven at its speed, (12)', SPEEDS, driven, canvas.ORANGE),
-            HeightLine('pendulum held up, (11)', SPEEDS, up, canvas.PURPLE),
-            HeightLine('pendulum held down, (11)', SPEEDS, down, canvas.BLUE),
-            quasi_static_curve(robot)])
+        draw_curve(axes, 'energy is kept', SPEEDS, energy, canvas.GREY, '-.', 1.2)
+        draw_curve(axes, 'pendulum held level, (11)', SPEEDS, level, canvas.VERMILION)
+        draw_curve(axes, 'cubic through these', SPEEDS, cubic, canvas.INK, (0, (1, 2)), 1.8)
+        draw_curve(axes, 'ball driven at its speed, (12)', SPEEDS, driven, canvas.ORANGE)
+        draw_curve(axes, 'pendulum held up, (11)', SPEEDS, up, canvas.PURPLE)
+        draw_curve(axes, 'pendulum held down, (11)', SPEEDS, down, canvas.BLUE)
+        draw_quasi_static(axes, robot)
         rolls = _rolls(RunUp(), robot)
         draw_rolls(axes, rolls)
         _explain_offset(axes, rolls)
@@ -113,8 +112,8 @@ def figure_8(progress: Progress = ignore) -> Figure:
     with canvas.panels(6.8, 5.0) as figure:
         axes = height_axes(figure, (0.10, 0.105, 0.87, 0.81), '', 0.062, 1.3)
         for robot, colour in zip(robots, (canvas.BLUE, canvas.VERMILION)):
-            draw_curves(axes, [HeightLine(f'{robot.name}, this model', SPEEDS, step_heights(
-                Case(robot), SPEEDS), colour)])
+            draw_curve(axes, f'{robot.name}, this model', SPEEDS,
+                       step_heights(Case(robot), SPEEDS), colour)
             report()
             for law, marker, label in contacts:
                 heights = []

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Step height against speed: curves of models, and rolls with their outcomes."""
 import math
-from typing import Any, Iterable, NamedTuple, Sequence
+from typing import Any, Sequence
 
 from matplotlib.figure import Figure
-import numpy as np
 
 from ballbot_ros.figures import canvas
 from ballbot_ros.paper.cases import Case, holding, LEVEL, SPEEDS, step_heights
@@ -12,17 +11,6 @@ from ballbot_ros.paper.test_bench import Bench, Roll, RunUp
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.studies.comparators import quasi_static
-
-
-class HeightLine(NamedTuple):
-    """Height against speed, as a line."""
-
-    label: str
-    speeds: Array  # [m/s]
-    heights: Array  # [m]
-    colour: str = canvas.BLUE
-    style: Any = '-'
-    width: float = 1.6
 
 
 def height_axes(figure: Figure, box: tuple[float, float, float, float], title: str,
@@ -38,11 +26,16 @@ def height_axes(figure: Figure, box: tuple[float, float, float, float], title: s
     return axes
 
 
-def draw_curves(axes: Any, curves: Iterable[HeightLine]) -> None:
-    """Draw height lines in mm."""
-    for curve in curves:
-        axes.plot(curve.speeds, 1e3 * curve.heights, color=curve.colour, ls=curve.style,
-                  lw=curve.width, label=curve.label, zorder=3)
+def draw_curve(axes: Any, label: str, speeds: Array, heights: Array, colour: str = canvas.BLUE,
+               style: Any = '-', width: float = 1.6) -> None:
+    """Draw heights [m] against speeds [m/s]."""
+    axes.plot(speeds, 1e3 * heights, color=colour, ls=style, lw=width, label=label, zorder=3)
+
+
+def draw_quasi_static(axes: Any, robot: Robot) -> None:
+    """Draw eq. (1), which does not depend on the speed."""
+    axes.axhline(1e3 * quasi_static(robot), color=canvas.GREY, ls=':', lw=1.6,
+                 label='quasi-static, eq. (1)', zorder=3)
 
 
 def draw_rolls(axes: Any, rolls: Sequence[Roll]) -> None:
@@ -61,29 +54,14 @@ def place_legend(axes: Any) -> None:
                 handlelength=2.2)
 
 
-def bench_curves(robot: Robot, bench: Bench) -> list[HeightLine]:
-    """Return the reference curves for the rolls of a bench."""
+def bench_figure(robot: Robot, bench: Bench, rolls: Sequence[Roll], title: str) -> Figure:
+    """Return the plot of a test: each roll, and reference curves."""
     if isinstance(bench, RunUp):
         cases = [('pendulum down', holding(robot, 0.0), '-'),
                  ('pendulum level', holding(robot, LEVEL), '--')]
     else:
         cases = [('pendulum free, hanging at the touch' if robot.has_pendulum else 'full model',
                   Case(robot), '-')]
-    curves = [HeightLine(f'{label}, simulated', SPEEDS, step_heights(case, SPEEDS),
-                         style=style) for label, case, style in cases]
-    if robot.has_pendulum:
-        curves.append(quasi_static_curve(robot))
-    return curves
-
-
-def quasi_static_curve(robot: Robot) -> HeightLine:
-    """Return the line of eq. (1), which does not depend on the speed."""
-    return HeightLine('quasi-static, eq. (1)', np.array([0.0, 10.0]),
-                      np.full(2, quasi_static(robot)), canvas.GREY, ':')
-
-
-def bench_figure(rolls: Sequence[Roll], curves: Sequence[HeightLine], title: str) -> Figure:
-    """Return the plot of a test: each roll, and reference curves."""
     fastest = max((roll.measured_speed for roll in rolls
                    if math.isfinite(roll.measured_speed)), default=1.0)
     top = max((roll.step_height for roll in rolls), default=0.05)
@@ -93,7 +71,11 @@ def bench_figure(rolls: Sequence[Roll], curves: Sequence[HeightLine], title: str
         axes.text(1.0, 1.02, canvas.RESIMULATED, transform=axes.transAxes, ha='right',
                   fontsize=7.5, color=canvas.GREY)
         axes.set_xlabel('speed by the sensors; of curves: speed at the touch [m/s]')
-        draw_curves(axes, curves)
+        for label, case, style in cases:
+            draw_curve(axes, f'{label}, simulated', SPEEDS, step_heights(case, SPEEDS),
+                       style=style)
+        if robot.has_pendulum:
+            draw_quasi_static(axes, robot)
         draw_rolls(axes, rolls)
         place_legend(axes)
     return figure

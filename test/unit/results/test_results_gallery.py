@@ -10,7 +10,8 @@ from ballbot_ros.cli import main
 from ballbot_ros.figures import command_loss, steering
 from ballbot_ros.paper import design, figures as paper, heights
 from ballbot_ros.paper.procedure import run_tests
-from ballbot_ros.paper.test_bench import Roll
+from ballbot_ros.paper.test_bench import Ramp, Roll
+from ballbot_ros.physics import load_robot
 
 FEW = np.array([0.4, 0.6, 0.8, 1.0, 1.1])
 
@@ -55,10 +56,10 @@ def test_figure_8_reports_a_missing_second_simulator(coarse, monkeypatch):
 
 def test_rolls_are_drawn_according_to_their_outcome():
     nan = float('nan')
-    figure = heights.bench_figure([
+    figure = heights.bench_figure(load_robot('shellball'), Ramp(), [
         Roll(0.01, 1.0, 0.5, True, 0.4, 0.0), Roll(0.01, 1.0, 0.3, False, 0.2, 0.0),
-        Roll(0.01, 1.0, nan, False, nan, nan)], [], 'a test')
-    passed, failed = figure.axes[0].lines
+        Roll(0.01, 1.0, nan, False, nan, nan)], 'a test')
+    _, passed, failed = figure.axes[0].lines
     assert passed.get_xydata()[:, 0].tolist() == [0.5]
     assert failed.get_xydata()[0, 0] == 0.3 and len(failed.get_xydata()) == 2
 
