@@ -11,7 +11,7 @@ from ballbot_ros.figures.canvas import draw_heading
 from ballbot_ros.physics import Actuation, load_robot
 from ballbot_ros.steering import load_oblique_steps, yaw_rate_limit
 from ballbot_ros.studies import free_ball
-from ballbot_ros.studies.free_ball import compare, LateralRun
+from ballbot_ros.studies.free_ball import compare
 from ballbot_ros.studies.progress import counted, ignore, Progress
 
 ROBOT = 'gimball'
@@ -32,13 +32,11 @@ def turning(progress: Progress = ignore) -> Figure:
                             for bottom in (0.51, 0.085))
             above.set_title(f'{speed:g} m/s')
             limit = yaw_rate_limit(found, speed)
-            for label, colour, run in (
-                    (f'lean step of {np.degrees(lean):.0f} degrees', canvas.VERMILION,
-                     LateralRun(speed, lean, duration=DURATION)),
-                    ('steering law at the limit', canvas.BLUE,
-                     LateralRun(speed, yaw_rate=limit, duration=DURATION))):
+            for label, colour, yaw_rate in (
+                    (f'lean step of {np.degrees(lean):.0f} degrees', canvas.VERMILION, None),
+                    ('steering law at the limit', canvas.BLUE, limit)):
                 if free_ball.installed():
-                    result = compare(found, run)
+                    result = compare(found, speed, lean, yaw_rate, DURATION)
                     for axes, name, scale in ((above, 'yaw_rate', 1.0),
                                               (below, 'tilt', np.degrees(1.0))):
                         axes.plot(result.time, scale * result.model[name], color=colour,

@@ -200,19 +200,6 @@ PERIOD = 0.02  # of the commands [s]
 TURN = ('speed', 'tilt', 'yaw_rate', 'heading')
 
 
-class LateralRun(NamedTuple):
-    """A run with a constant lean, or a yaw rate that the steering law follows."""
-
-    speed: float  # at the start [m/s]
-    lean: float = 0.0  # [rad]
-    yaw_rate: Optional[float] = None  # [rad/s]
-    duration: float = 6.0  # [s]
-
-    def command(self, robot: Robot, state: LateralState, speed: float) -> float:
-        """Return the set-point of the lean [rad]."""
-        return self.lean if self.yaw_rate is None else law(robot, state, speed, self.yaw_rate)
-
-
 class TurnComparison(NamedTuple):
     """Motion in both models, (n,) each."""
 
@@ -226,25 +213,29 @@ def lossless(robot: Robot) -> Robot:
     return robot.replace(rolling_friction=0.0, joint_friction=0.0)
 
 
-def compare(robot: Robot, run: LateralRun) -> TurnComparison:
+def compare(robot: Robot, speed: float, lean: float = 0.0, yaw_rate: Optional[float] = None,
+            duration: float = 6.0) -> TurnComparison:
     """
-    Run a robot without rolling and joint friction in both models.
+    Run a robot without rolling and joint friction in both models, from a speed [m/s].
 
-    Law (11) holds the pendulum down.  The lateral model uses the speed of MuJoCo; the commands of
-    each model depend on its own state.
+    The set-point is a constant lean [rad] or, if given, a yaw rate that the steering law follows
+    [rad/s].  Law (11) holds the pendulum down.  The lateral model uses the speed of MuJoCo; the
+    commands of each model depend on its own state.
 
     Raises `ConfigurationError` if MuJoCo is not installed, or the robot has no steering.
     """
     robot = lossless(robot)
-    ball, state = FreeBall(robot, run.speed, set_angle=0.0), LateralState()
+    ball, state = FreeBall(robot, speed, set_angle=0.0), LateralState()
     found = ball.state()
     rows = []
-    for _ in range(round(run.duration / PERIOD)):
+
+    def lean_command(state: LateralState) -> float:
+        return lean if yaw_rate is None else law(robot, state, found.speed, yaw_rate)
+    for _ in range(round(duration / PERIOD)):
         rows.append((found.time, found.speed, found.lateral.tilt, found.lateral.yaw_rate,
                      found.lateral.heading, found.speed, state.tilt, state.yaw_rate,
                      state.heading))
-        ball.lean_command = run.command(robot, found.lateral, found.speed)
-        command = run.command(robot, state, found.speed)
+        ball.lean_command, command = lean_command(found.lateral), lean_command(state)
         ball.advance(PERIOD)
         before, found = found.speed, ball.state()
         state = step(robot, state, 0.5 * (before + found.speed), command, PERIOD,

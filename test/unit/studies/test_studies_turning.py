@@ -13,7 +13,7 @@ from ballbot_ros.crossing import max_step_height
 from ballbot_ros.physics import load_robot
 from ballbot_ros.steering import load_oblique_steps, yaw_rate_limit
 from ballbot_ros.studies import free_ball
-from ballbot_ros.studies.free_ball import compare, LateralRun
+from ballbot_ros.studies.free_ball import compare
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'scripts'))
 
@@ -41,7 +41,7 @@ def heading_error(found):
 @pytest.mark.parametrize('speed', [0.1, 0.4, 1.2])
 @pytest.mark.parametrize('lean, heading', [(0.1, 0.5), (0.2, 1.0), (0.3, 2.5), (0.4, 5.0)])
 def test_a_step_input_of_the_lean_turns_the_ball_as_in_mujoco(speed, lean, heading):
-    found = compare(GIMBALL, LateralRun(speed, lean))
+    found = compare(GIMBALL, speed, lean)
     assert deviation(found, 'tilt') < 0.7 * DEGREE
     assert deviation(found, 'yaw_rate') < 0.03
     assert heading_error(found) < heading * DEGREE
@@ -54,7 +54,7 @@ def test_a_step_input_of_the_lean_turns_the_ball_as_in_mujoco(speed, lean, headi
 @pytest.mark.parametrize('share', [-0.5, 1.0])
 def test_the_steering_law_tracks_the_yaw_rate_in_mujoco(speed, share):
     wanted = share * yaw_rate_limit(GIMBALL, speed)
-    found = compare(GIMBALL, LateralRun(speed, yaw_rate=wanted))
+    found = compare(GIMBALL, speed, yaw_rate=wanted)
     assert heading_error(found) < 0.5 * DEGREE
     assert deviation(found, 'yaw_rate') < 3e-3
     # The speed falls in the turn, and with it the yaw rate if the lean limits it.
@@ -68,7 +68,7 @@ def test_the_steering_law_tracks_the_yaw_rate_in_mujoco(speed, share):
 @with_mujoco
 def test_the_comparison_detects_another_pendulum():
     other = GIMBALL.replace(pendulum_length=1.1 * GIMBALL.pendulum_length)
-    good, bad = (compare(robot, LateralRun(0.8, 0.2)) for robot in (GIMBALL, other))
+    good, bad = (compare(robot, 0.8, 0.2) for robot in (GIMBALL, other))
     assert np.abs(good.mujoco['heading'] - bad.model['heading']).max() > 3.0 * heading_error(good)
 
 
@@ -107,4 +107,4 @@ def test_the_table_agrees_with_the_simulation(measured, number, degrees):
 def test_without_mujoco_the_comparison_is_refused(monkeypatch):
     monkeypatch.setitem(sys.modules, 'mujoco', None)
     with refused('not_installed', 'mujoco'):
-        compare(GIMBALL, LateralRun(0.4, 0.2))
+        compare(GIMBALL, 0.4, 0.2)
