@@ -9,8 +9,7 @@ from dataclasses import replace
 from typing import Callable, Mapping
 
 from ballbot_ros.decision import Knowledge, Planner, PLANNERS
-from ballbot_ros.physics.model.robot import Robot
-from ballbot_ros.studies.comparators import inertia_ratio, quasi_static
+from ballbot_ros.studies.comparators import quasi_static, rolling_energy
 
 UNLIMITED = 10.0  # above every step [m]
 RISE = 1e-6  # smallest slope of a curve [s]
@@ -27,12 +26,9 @@ def _cubic(knowledge: Knowledge, constant: float, square: float,
     return PLANNERS['cubic'](replace(knowledge, curve=curve, tuning=tuning))
 
 
-def _energy(robot: Robot) -> float:
-    return (1.0 + inertia_ratio(robot)) / (2.0 * robot.gravity)
-
-
 # Name -> function that creates a planner from its inputs.
 BASELINES: Mapping[str, Callable[[Knowledge], Planner]] = {
     'always-try': lambda knowledge: _cubic(knowledge, UNLIMITED, 0.0, TRY),
     'quasi-static': lambda knowledge: _cubic(knowledge, quasi_static(knowledge.robot), 0.0),
-    'energy': lambda knowledge: _cubic(knowledge, 0.0, _energy(knowledge.robot))}
+    'energy': lambda knowledge: _cubic(
+        knowledge, 0.0, rolling_energy(knowledge.robot, 1.0) / knowledge.robot.weight)}
