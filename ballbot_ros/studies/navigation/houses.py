@@ -44,7 +44,6 @@ ROOM = 0.35  # half the side of the free square around start and goal [m]
 class House:
     """A house with a robot, a start and a goal."""
 
-    seed: int
     number: int
     truth: Floor
     map: Floor
@@ -119,7 +118,7 @@ def draw_house(nominal: Robot, seed: int, number: int) -> House:
                 break
     name = f'house {number} of seed {seed}'
     errors = Errors(*(float(random.uniform(0.0, high)) for high in astuple(ERRORS_MAX)))
-    return House(seed, number, Floor(name, truth, RESOLUTION, (0.0, 0.0), tuple(features)),
+    return House(number, Floor(name, truth, RESOLUTION, (0.0, 0.0), tuple(features)),
                  Floor(name, cells, RESOLUTION, (0.0, 0.0), mapped), draw_robot(nominal, random),
                  errors, (*places[0], float(random.uniform(-math.pi, math.pi))), places[1])
 
