@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verb ``figures``: the figures of the paper, re-simulated, and additional ones."""
 import argparse
-from typing import Any
 
 from ballbot_ros.cli.options import add_format, add_out, add_quiet
 from ballbot_ros.cli.output import figure_files, result_folder, save_figure, watched
 from ballbot_ros.cli.verb import DONE, INTERRUPTED, print_error
-from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.config.fields import check_choice
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,7 +25,9 @@ def run(arguments: argparse.Namespace) -> int:
         for name, draw in FIGURES.items():
             print(f'{name:<12} {(draw.__doc__ or "").splitlines()[0]}')
         return DONE
-    names = chosen(arguments.names, FIGURES)
+    for name in arguments.names:
+        check_choice('figure', name, FIGURES)
+    names = list(dict.fromkeys(arguments.names)) or list(FIGURES)
     out = result_folder(arguments.out, 'figures', figure_files(names, arguments.format),
                         arguments.overwrite)
     files: list[str] = []
@@ -42,14 +43,3 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.quiet:
         print(f'Written to {out}: {", ".join(files)}')
     return DONE
-
-
-def chosen(names: list[str], known: Any) -> list[str]:
-    """Return the requested names without duplicates, or all names if none is requested."""
-    from ballbot_ros.config.fields import suggestion
-    for name in names:
-        if name not in known:
-            raise ConfigurationError(
-                f'there is no figure {name!r}{suggestion(name, known)}; "ballbot figures --list" '
-                'lists all', 'unknown_name', 'name')
-    return list(dict.fromkeys(names)) or list(known)

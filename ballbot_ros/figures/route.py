@@ -4,6 +4,7 @@ from contextlib import contextmanager
 from typing import Any, Iterator, Optional, Sequence, Tuple
 
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 import numpy as np
 
 from ballbot_ros.figures.canvas import (
@@ -79,7 +80,6 @@ def _draw_feature(axes: Any, feature: Any) -> None:
 
 
 def _draw_route(axes: Any, route: Route, radius: float) -> None:
-    from matplotlib.patches import Circle
     for segment in route.segments:
         points = np.array(segment.points)
         if segment.feature is None:
@@ -93,5 +93,4 @@ def _draw_route(axes: Any, route: Route, radius: float) -> None:
 
 
 def _draw_ball(axes: Any, place: Point, radius: float) -> None:
-    from matplotlib.patches import Circle
     axes.add_patch(Circle(place, radius, facecolor=PALE, edgecolor=BLUE, linewidth=1.4))
