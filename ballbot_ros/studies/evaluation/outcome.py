@@ -19,16 +19,15 @@ A face is *being crossed* while the decision in force is CROSS and the last edge
 ``undecided``  the time limit passed
 """
 from collections import deque
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 import math
-from typing import Any, Deque, Dict, List, Optional, Tuple
+from typing import Deque, Dict, List, Optional, Tuple
 
 import numpy as np
 
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import Decision, Kind
 from ballbot_ros.physics.model.state import State
-from ballbot_ros.results.summary import plain
 from ballbot_ros.studies.evaluation.approaches import Approach
 from ballbot_ros.studies.evaluation.closed_loop import (
     AX, AY, BX, BY, ClosedLoop, PERIOD, TOUCH_PERIOD, TOUCH_SPEED)
@@ -99,12 +98,6 @@ class Verdict:
     changes: int = 0            # of the decision, without new information
     height_margin: float = math.nan  # of the step that the last decision refuses [m]
     attempts: List[ObservedAttempt] = field(default_factory=list)
-
-    @property
-    def row(self) -> Dict[str, Any]:
-        """Return the verdict as JSON values, with null for numbers that are not finite."""
-        values: Dict[str, Any] = plain(asdict(self))
-        return values
 
 
 class OutcomeMonitor:

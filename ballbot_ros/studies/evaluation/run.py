@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One approach in closed loop, with the decision as the node ``obstacle_decision`` uses it."""
-from dataclasses import replace
+from dataclasses import asdict, replace
 import math
 from time import thread_time
 from typing import Any, Callable, Dict, List, Optional, Tuple
@@ -10,6 +10,7 @@ from ballbot_ros.decision import (
 from ballbot_ros.decision.values import REST_SPEED_MAX
 from ballbot_ros.errors import SimulationError
 from ballbot_ros.physics.model.state import State
+from ballbot_ros.results.summary import plain
 from ballbot_ros.studies.evaluation.approaches import Approach
 from ballbot_ros.studies.evaluation.baselines import BASELINES
 from ballbot_ros.studies.evaluation.closed_loop import balanced_angle, ClosedLoop, PERIOD
@@ -132,7 +133,8 @@ def run_approach(approach: Approach, planner: str, nominal: Knowledge,
     except SimulationError as error:
         failure = str(error)
     monitor.verdict.changes = changes.count
-    return {**heading(approach, planner), **monitor.verdict.row, 'failure': failure,
+    return {**heading(approach, planner), **plain(asdict(monitor.verdict)),
+            'failure': failure,
             'mean_ms': 1e3 * sum(spent) / max(len(spent), 1),
             'worst_ms': 1e3 * max(spent, default=0.0),
             'decisions': len(spent), 'cpu_s': thread_time() - start}
