@@ -19,13 +19,14 @@ from dataclasses import replace
 import math
 from operator import attrgetter
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
+import warnings
 
 import numpy as np
 from scipy.optimize import least_squares, OptimizeResult
 from scipy.special import chdtrc, chdtri, stdtrit
 
 from ballbot_ros.config.fields import suggestion
-from ballbot_ros.errors import BallbotError, ConfigurationError
+from ballbot_ros.errors import BallbotError, ConfigurationError, PlausibilityWarning
 from ballbot_ros.physics import Scene
 from ballbot_ros.physics.model.robot import described, MOTOR, ROBOT, with_parameters
 from ballbot_ros.physics.model.terrain import Array
@@ -208,14 +209,20 @@ def identify(scene: Scene, recording: Recording, names: Sequence[str], use_torqu
             'parameters')
     check_known(scene, names)
     search = _Search(scene, recording, names, use_torque, progress)
-    search.start()
     interrupted = False
-    try:
-        search.look_around()
-        search.refine()
-    except KeyboardInterrupt:
-        interrupted = True
-    return search.conclude(interrupted)
+    with warnings.catch_warnings():
+        # Trial values may be implausible.
+        warnings.simplefilter('ignore', PlausibilityWarning)
+        search.start()
+        try:
+            search.look_around()
+            search.refine()
+        except KeyboardInterrupt:
+            interrupted = True
+        found = search.conclude(interrupted)
+    # Warns of implausible estimates.
+    with_values(scene, {item.name: item.value for item in found.estimates})
+    return found
 
 
 class _Search:

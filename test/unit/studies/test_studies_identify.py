@@ -3,6 +3,7 @@
 from dataclasses import replace
 import json
 import math
+import warnings
 
 from bag_of_a_run import BagOf
 import numpy as np
@@ -12,6 +13,7 @@ from refusals import refused
 from ballbot_ros.bags.recorded_run import read_run
 from ballbot_ros.bags.replay import measured_columns
 from ballbot_ros.cli import main
+from ballbot_ros.errors import PlausibilityWarning
 from ballbot_ros.physics.simulation.scene import read_scene
 from ballbot_ros.results import read_columns, read_units, write_trajectory
 from ballbot_ros.studies.identification import identify, present, with_values
@@ -47,6 +49,17 @@ def test_intervals_contain_the_true_parameters_at_their_confidence_level():
         assert found.noise['ball_angle'] == pytest.approx(ENCODER, rel=0.2)
     # Of 20 intervals at 95 %, fewer than 17 contain the truth with a probability of 1/60.
     assert sum(inside) >= 17
+
+
+def test_only_an_implausible_estimate_causes_a_warning():
+    # Some starts of the fit are above 0.19 kg m2, with all mass of the ball at its shell.
+    guess = with_values(TRUTH, {'ball_inertia': 0.15})
+    with warnings.catch_warnings():
+        warnings.simplefilter('error', PlausibilityWarning)
+        identify(guess, recorded(TRUTH, 1), ['ball_inertia'])
+    heavy = recorded(with_values(TRUTH, {'ball_inertia': 0.25}), 1)
+    with pytest.warns(PlausibilityWarning):
+        identify(guess, heavy, ['ball_inertia'])
 
 
 @pytest.mark.slow
