@@ -99,13 +99,14 @@ def _rows(robot: Any) -> Iterator[tuple[str, str, str, str, str, str]]:
         yield (name, f'{attrgetter(name)(robot):.6g}', metadata['unit'],
                known.source if known else 'not given', bounds,
                (known.note if known else '') or metadata['doc'])
-    for name, unit, note in (
-            ('total_mass', 'kg', 'M1 + M2'),
-            ('static_penetration', 'm', 'penetration of the ball at rest on a level surface'),
-            ('largest_gravity_torque', 'N m', 'gravity torque with the pendulum horizontal'),
-            ('slope_limit', 'rad', 'steepest slope that the pendulum can hold'),
-            ('damping_ratio', '1', 'damping ratio of the ball on its contact spring'),
-            ('restitution', '1', 'ratio of the speeds after and before a bounce')):
+    derived = [('total_mass', 'kg', 'M1 + M2'),
+               ('static_penetration', 'm', 'penetration of the ball at rest on a level surface'),
+               ('largest_gravity_torque', 'N m', 'gravity torque with the pendulum horizontal'),
+               ('slope_limit', 'rad', 'steepest slope that the pendulum can hold')]
+    if robot.contact_law == 'kelvin_voigt':
+        derived += [('damping_ratio', '1', 'damping ratio of the ball on its contact spring'),
+                    ('restitution', '1', 'speed after to speed before an unclamped bounce')]
+    for name, unit, note in derived:
         yield name, f'{getattr(robot, name):.4g}', unit, 'derived', '', note
 
 

@@ -145,6 +145,14 @@ def test_robot_table_gives_unit_source_range_and_note(capsys):
     assert all(len(line) < 130 for line in out.splitlines())
 
 
+def test_a_robot_whose_restitution_depends_on_the_speed_has_none_in_its_table(capsys, tmp_path):
+    path = tmp_path / 'mine.yaml'
+    gimball = next(file for file in shipped_files('robots') if file.stem == 'gimball')
+    path.write_text(gimball.read_text() + 'contact_law: hunt_crossley\n')
+    _, out, _ = called(capsys, 'robots', str(path))
+    assert 'slope_limit' in out and 'restitution' not in out and 'damping_ratio' not in out
+
+
 def test_demo_passes_its_options_on(replace_demo, tmp_path):
     import types
     given, case = {}, types.SimpleNamespace(scene='doorstep')
