@@ -109,7 +109,8 @@ def test_0_5_4_reports_the_cause_of_a_disarm_although_it_truncates_the_number():
 def test_an_expired_watchdog_is_named_before_the_next_request(kind, phase):
     robot = VirtualRobot(kind).ready()
     robot.run(0.1 + phase, torque=0.1)
-    robot.session.line.driver._torque_message = lambda torque: b''  # all commands are lost
+    robot.to_drive = lambda data: b''.join(  # all torque commands are lost
+        line for line in data.splitlines(True) if not line.startswith(b'c '))
     report = robot.run(0.25, torque=0.1)
     assert report.e_stop.reason is StopReason.DISARMED_BY_DRIVE
     assert report.e_stop.names == ('WATCHDOG_TIMER_EXPIRED',)
