@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The control loop in its own thread: if others block, it continues or stops the motor."""
+import math
 import threading
 from time import sleep
 from typing import Callable, Optional
@@ -22,7 +23,8 @@ class Loop:
     Calls `Session.tick` at a rate [Hz], and closes the session at every exit.
 
     The thread enters the prepared scheduling, and calls each of `publish` with each `Report`, in
-    this order.  `failure` is the error that ended the loop, or None.
+    this order.  `late` is the number of missed periods, `failure` the error that ended the loop,
+    or None.
     """
 
     def __init__(self, session: Session, rate: float, *publish: Callable[[Report], None],
@@ -71,7 +73,8 @@ class Loop:
                 late, estimate = self._session.tick(), None
                 due, now = due + self._period, clock()
                 if due < now:  # missed periods are not made up for
-                    due, self.late = now, self.late + 1
+                    self.late += math.ceil((now - due) / self._period)
+                    due = now
                 if late is not None:
                     self._report(late)
                 while self._session.expecting and clock() < due:
