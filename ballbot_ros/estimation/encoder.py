@@ -52,8 +52,8 @@ NEAR_RESTART, RESTARTED = 0.15, 0.1
 # offset [rad] for a new zero.  The offset of delayed readings decreases.
 AGREEING, AGREED_FOR, AGREE = 5, 0.0175, 0.03
 
-# The sums restart after a longer pause [s].
-LONGEST_PAUSE = 0.05
+# The sums restart after a longer pause [s]; a bridge continues the torque in shorter ones.
+LONGEST_PAUSE = 0.1
 # Time constant of the sums [s].
 SMOOTHING = 0.1
 # A difference of this fraction of the expected increments, opposite to them,

@@ -75,6 +75,19 @@ def test_a_contradiction_is_found_on_a_busy_machine(fault):
     assert robot.session.supervisor.e_stop and not robot.motor
 
 
+@pytest.mark.parametrize('fault', [reversed_encoder(False), *slow(transmitted(-1.0))])
+@pytest.mark.parametrize('pause', [0.06, *slow(0.085)])  # of the machine; the torque continues
+def test_a_reversed_encoder_or_motor_is_found_despite_long_pauses(fault, pause):
+    robot = VirtualRobot('vesc', imu=False, onboard='gentle').ready()
+    loop(robot, 0.4, SetPoint(Mode.HOLD, 0.9))
+    fault(robot)
+    for _ in range(40):
+        robot.pass_time(pause)
+        loop(robot, 0.02, SetPoint(Mode.HOLD, 0.9))
+    assert robot.session.supervisor.e_stop.reason is StopReason.JOINT_TORQUE and not robot.motor
+    assert max(abs(state.pendulum_angle) for state in robot.history.values()) < 2.0
+
+
 @pytest.mark.slow
 def test_steps_and_walls_at_full_torque_cause_no_e_stop():
     for height, set_point in ((0.031, SetPoint(Mode.SPEED, 1.0)), (0.2, SetPoint(Mode.HOLD, 1.4))):
