@@ -244,6 +244,16 @@ def test_wrong_turn_rates_of_single_readings_do_not_change_the_estimate():
     assert angle == pytest.approx(robot.plant.state.pendulum_angle, abs=0.03)
 
 
+def test_smaller_errors_of_turn_rates_change_the_estimate_as_their_mean():
+    robot, rng, errors = VirtualRobot(onboard='gentle').ready(), random.Random(1), []
+    gyro(lambda rate: rate + 8.0 * (rng.random() < 0.01))(robot)
+    for _ in range(40):
+        loop(robot, 0.1, SetPoint(Mode.SPEED, 0.5))
+        angle = robot.session.fusion.estimate.readings.pendulum_angle
+        errors.append(abs(angle - robot.plant.state.pendulum_angle))
+    assert not robot.session.supervisor.e_stop and max(errors) < 0.4
+
+
 def test_the_centripetal_acceleration_of_an_imu_away_from_the_centre_is_plausible():
     robot, height, rate = VirtualRobot(), 0.22, -12.0  # 3.2 g at the speed limit of the joint
     sensing = robot.change(imu=ImuMounting(imu_upward=height)).session.sensing
