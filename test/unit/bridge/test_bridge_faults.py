@@ -415,6 +415,24 @@ def test_a_vesc_continues_after_a_corrupted_length(direction):
     assert not robot.session.supervisor.e_stop and next(length, None) is None
 
 
+def test_after_a_fault_of_the_encoder_a_new_configuration_at_rest_permits_the_release():
+    robot = VirtualRobot(onboard='gentle').ready()
+    loop(robot, 0.5, SetPoint(Mode.SPEED, 0.8))
+    time_to_zero(robot, frozen(False), set_point=SetPoint(Mode.SPEED, 0.8))
+    robot.loop(3.0)  # the ball rolls on
+    robot.encoder = lambda true: true
+    robot.loop(6.0)
+    assert abs(robot.plant.state.pendulum_angle) < 0.1
+    with refused('standing', 'pendulum_angle', RefusedError):
+        robot.session.release()
+    robot.session.configure()
+    robot.session.activate()
+    robot.loop(0.6)
+    robot.session.release()
+    loop(robot, 2.0, SetPoint(Mode.SPEED, 0.3))
+    assert not robot.session.supervisor.e_stop
+
+
 def test_an_imu_upside_down_inhibits_the_release_if_the_encoder_zero_is_set():
     robot = VirtualRobot('roboclaw', onboard='gentle')
     robot.change(joint=replace(robot.hardware.joint, encoder_zero=0.0))
