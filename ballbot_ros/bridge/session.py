@@ -331,8 +331,8 @@ class Session:
         if estimate is not None and abs(estimate.readings.pendulum_angle) > limit:
             return (f'the pendulum angle is {estimate.readings.pendulum_angle:.2f} rad, beyond '
                     f'angle_limit of {limit:g} rad: let the robot come to rest, and check '
-                    'encoder_zero of the hardware file and the mounting of the IMU; after a fault '
-                    'of the encoder, clean up the bridge and configure it again at rest',
+                    'encoder_zero of the hardware file and the mounting of the IMU; if the '
+                    'estimate is wrong, clean up the bridge and configure it again at rest',
                     'pendulum_angle')
         if self.lateral is not None and self.hardware.steering is not None \
                 and self.hardware.steering.encoder_zero is not None:
