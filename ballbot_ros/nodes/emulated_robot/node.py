@@ -76,8 +76,9 @@ class EmulatedRobot(Node):
         self._imu = self._new_imu(settings)
         self._sensor = Sensor(scene.model.terrain, REACH)
         self._camera = TerrainSensor(scene.model.terrain, REACH)
-        self._readings = create_publisher(self, 'imu')
         self._imu_line = ImuLine(Path(settings.imu_link)) if settings.imu_link else None
+        # Even a silent publisher counts as a second one beside a node imu on the link.
+        self._readings = create_publisher(self, 'imu') if self._imu_line is None else None
         self._observation = create_publisher(self, 'step_observation')
         self._terrain = create_publisher(self, 'terrain_observation')
         self._truth = create_publisher(self, 'ball_state')
@@ -115,12 +116,12 @@ class EmulatedRobot(Node):
         now = 1e-9 * self.get_clock().now().nanoseconds
         self._before, self._number = state, self._number + 1
         sample = self._imu.sample(before, state, self._number)
-        if self._imu_line is None:
+        if self._imu_line is not None:
+            self._imu_line.measure(*sample[1:])
+        elif self._readings is not None:
             self._readings.publish(imu_message(
                 now, (0.0, -sample.turn_rate, 0.0), (sample.forward, 0.0, sample.upward),
                 self._frames.imu))
-        else:
-            self._imu_line.measure(*sample[1:])
         if self._number % TRUTH_EVERY == 0:
             course = self._emulator.ball.course
             self._truth.publish(ball_state_message(

@@ -177,6 +177,18 @@ def test_the_true_state_of_an_emulated_robot_that_steers_contains_its_pose(
         node.make_safe()
 
 
+@pytest.mark.parametrize('imu_link', ['', 'imu'])
+def test_only_one_node_publishes_the_readings_of_an_emulated_sensor(make_node, tmp_path, imu_link):
+    # With a link, the node imu publishes them; a bridge refuses the readings of two publishers.
+    node = make_node(EmulatedRobot, scene='flat', link=str(tmp_path / 'motor'),
+                     imu_link=imu_link and str(tmp_path / imu_link))
+    try:
+        topics = {one.topic_name.rpartition('/')[2] for one in node.publishers}
+        assert ('imu' in topics) == (not imu_link)
+    finally:
+        node.make_safe()
+
+
 def test_an_error_of_the_emulated_sensor_ends_the_emulated_robot(make_node, tmp_path):
     def fail(now):
         raise ZeroDivisionError('planted')
