@@ -70,7 +70,7 @@ class Speedometer:
     def note(self, simulated: float, wall: float) -> None:
         """Record a reading of both clocks [s]."""
         since_simulated, since_wall = self._mark
-        if math.isnan(since_wall):
+        if not simulated >= since_simulated:  # the first reading, or time went back
             self._mark = (simulated, wall)
         elif wall - since_wall >= self._window:
             self.factor = (simulated - since_simulated) / (wall - since_wall)

@@ -83,3 +83,12 @@ def test_speedometer_measures_over_its_window():
     for tick in range(1, 11):
         meter.note(0.5 + 0.2 * tick, 8.0 + 0.1 * tick + 1e-6)
     assert meter.factor == pytest.approx(2.0, rel=1e-3)
+
+
+def test_speedometer_starts_again_when_time_goes_back():
+    meter = Speedometer(window=1.0)
+    for simulated, wall in ((5.0, 0.0), (5.5, 0.5), (0.0, 0.6), (0.4, 1.0), (0.9, 1.5)):
+        meter.note(simulated, wall)
+        assert math.isnan(meter.factor)
+    meter.note(1.0, 1.6)
+    assert meter.factor == pytest.approx(1.0)
