@@ -96,7 +96,7 @@ class Scheduler:
                  failed: Callable[[], None], clock: Optional[FollowedClock] = None):
         self._plant, self._gate, self._outputs = plant, gate, outputs
         self._settings, self._logger, self._failed = settings, logger, failed
-        self._left = 0 if settings.start_paused else None  # periods to run; None: unlimited
+        self.left = 0 if settings.start_paused else None  # periods to run; None: unlimited
         self._steps: Optional[Future] = None
         self._clock = clock
         self._pace = self._new_pace(settings)
@@ -118,7 +118,7 @@ class Scheduler:
     @property
     def paused(self) -> bool:
         """Return whether time is stopped until `resume` or `step`."""
-        return self._left == 0
+        return self.left == 0
 
     @property
     def real_time_factor(self) -> float:
@@ -230,7 +230,7 @@ class Scheduler:
     def _run_on(self, periods: Optional[int]) -> None:
         """End unfinished steps, and set the number of periods to run; None: unlimited."""
         self._end_steps(False)
-        self._left = periods
+        self.left = periods
 
     def _end_steps(self, complete: bool) -> None:
         if self._steps is not None:
@@ -274,9 +274,9 @@ class Scheduler:
             self._logger.fatal(f'{error}. Nothing is published until ~/reset.')
             self._failed()
             return
-        if self._left is not None:
-            self._left -= 1
-            if not self._left:
+        if self.left is not None:
+            self.left -= 1
+            if not self.left:
                 self._end_steps(True)
         self._publish()
 

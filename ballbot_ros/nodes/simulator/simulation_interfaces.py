@@ -7,7 +7,7 @@ The state *stopped* means paused at the start of the scene.
 from functools import partial
 import math
 import re
-from typing import Any, Optional, Tuple
+from typing import Any, Optional
 
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
@@ -60,7 +60,7 @@ class Interfaces:
 
     def __init__(self, node: Node, plant: Plant, scheduler: Scheduler, frame: str):
         self._plant, self._scheduler, self._frame = plant, scheduler, frame
-        self._goal: Optional[Tuple[ServerGoalHandle, int]] = None
+        self._goal: Optional[ServerGoalHandle] = None
         for kind, name, act in (
                 (GetSimulatorFeatures, 'get_simulator_features', self._features),
                 (GetSimulationState, 'get_simulation_state', self._get_state),
@@ -160,11 +160,11 @@ class Interfaces:
         except RefusedError as error:
             handle.abort()
             return self._steps.finish(handle, _refused(SimulateSteps.Result(), error))
-        goal = self._goal = handle, self._plant.periods
-        run.add_done_callback(partial(self._finish, *goal))
+        self._goal = handle
+        run.add_done_callback(partial(self._finish, handle))
 
-    def _finish(self, handle: ServerGoalHandle, first: int, run: Future) -> None:
-        self._publish_state(handle, first)
+    def _finish(self, handle: ServerGoalHandle, run: Future) -> None:
+        self._publish_state(handle)
         self._goal = None
         if run.result():
             handle.succeed()
@@ -178,15 +178,16 @@ class Interfaces:
         """Publish feedback of the goal, or end it on a cancel request."""
         if self._goal is None:
             return
-        if self._goal[0].is_cancel_requested:
+        if self._goal.is_cancel_requested:
             self._scheduler.pause()  # which ends the steps, and so the goal
         else:
-            self._publish_state(*self._goal)
+            self._publish_state(self._goal)
 
-    def _publish_state(self, handle: ServerGoalHandle, first: int) -> None:
-        completed = self._plant.periods - first
+    def _publish_state(self, handle: ServerGoalHandle) -> None:
+        left = self._scheduler.left
+        assert left is not None  # steps are limited
         handle.publish_feedback(SimulateSteps.Feedback(
-            completed_steps=completed, remaining_steps=handle.request.steps - completed))
+            completed_steps=handle.request.steps - left, remaining_steps=left))
 
     # Entities
 
@@ -274,8 +275,7 @@ def _ended(response: Any, complete: bool) -> Any:
     return response
 
 
-# Tolerance of a number that must be zero; largest permitted penetration of the ground [m].
-NEGLIGIBLE, DEEPEST = 1e-6, 0.001
+NEGLIGIBLE = 1e-6  # tolerance of a number that must be zero
 
 
 def entity_message(plant: Plant, frame: str) -> Any:
@@ -314,7 +314,7 @@ def placed(plant: Plant, message: Any, pose: bool, twist: bool) -> State:
     The pendulum keeps its absolute angle and rate; the ball keeps its number of full turns.
 
     Raises `RefusedError` if a value is not finite or not in the plane of motion, or the ball
-    penetrates the ground.
+    penetrates the ground more than twice as deep as at rest.
     """
     state = plant.state
     if pose:
@@ -327,10 +327,15 @@ def placed(plant: Plant, message: Any, pose: bool, twist: bool) -> State:
         angle = -2.0 * math.atan2(turned.y, turned.w)
         turns = round((state.ball_angle - angle) / math.tau)
         state = state._replace(x=place.x, y=place.z, ball_angle=angle + math.tau * turns)
-        deepest = max((touch.penetration for touch in plant.model.touches(state)), default=0.0)
-        if deepest > DEEPEST:
+        robot, ground = plant.model.robot, float(plant.model.terrain.height(place.x))
+        depths = [touch.penetration for touch in plant.model.touches(state)]
+        if place.z <= ground:  # a centre in the ground has no contact
+            depths.append(robot.ball_radius + ground - place.z)
+        deepest, allowed = max(depths, default=0.0), 2.0 * robot.static_penetration
+        if deepest > allowed:
             raise RefusedError(
-                f'the ball would penetrate the ground by {1e3 * deepest:.1f} mm, 1 mm is allowed',
+                f'the ball would penetrate the ground by {1e3 * deepest:.1f} mm, '
+                f'{1e3 * allowed:.1f} mm is allowed, twice the depth at rest',
                 'out_of_range', 'position')
     if twist:
         linear, angular = message.twist.linear, message.twist.angular

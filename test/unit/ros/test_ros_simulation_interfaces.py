@@ -136,6 +136,21 @@ def test_the_action_reports_its_progress_and_can_be_canceled(client, simulator):
     assert client.state() == PAUSED
 
 
+def test_the_progress_of_the_action_counts_steps_and_not_the_time(client, simulator):
+    action, reports = ActionClient(client.node, SimulateSteps, '/simulator/simulate_steps'), []
+    client.wait(action.server_is_ready)
+    goal = client.done(action.send_goal_async(
+        SimulateSteps.Goal(steps=2**40), lambda one: reports.append(one.feedback)))
+    client.wait(lambda: simulator._plant.periods > 10 and reports)
+    assert client.code(srv.ResetSimulation) == OK
+    reset_at, reports[:] = reports[-1].completed_steps, []
+    client.wait(lambda: reports)
+    assert reports[0].completed_steps > reset_at
+    assert reports[0].completed_steps + reports[0].remaining_steps == 2**40
+    client.done(goal.cancel_goal_async())
+    assert client.done(goal.get_result_async()).status == 5
+
+
 def test_entities_are_filtered_and_unknown_ones_not_found(client):
     def names(**filters):
         return client.ask(srv.GetEntities, filters=EntityFilters(**filters))
@@ -174,7 +189,14 @@ def test_the_robot_is_set_to_a_requested_pose_unless_it_is_invalid(client):
     assert (state.pose.position.x, state.pose.position.z, state.twist.linear.x) == (1.5, 0.3, 0.4)
     assert state.header.frame_id == 'odom' and client.state() == PAUSED
     for wrong in ({'pose__position__x': math.nan}, {'pose__position__y': 0.1},
-                  {'pose__position__z': 0.1}, {'pose__orientation__w': 0.0},
+                  {'pose__position__z': 0.1}, {'pose__position__z': 0.0},
+                  {'pose__position__z': -1.0}, {'pose__orientation__w': 0.0},
                   {'twist__angular__z': 1.0}):
         assert put(**wrong) == srv.SetEntityState.Response.INVALID_POSE
     assert put(header__frame_id='map') == FAILED
+
+
+def test_the_pose_of_the_resting_robot_can_be_set_again(client):
+    robot = client.ask(srv.GetEntities).entities[0]
+    state = client.ask(srv.GetEntityState, entity=robot).state
+    assert client.code(srv.SetEntityState, entity=robot, state=state, set_pose=True) == OK
