@@ -163,7 +163,6 @@ class Scheduler:
             dropped, self._pace = self.dropped, self._new_pace(settings)
             if isinstance(self._pace, Pace):
                 self._pace.dropped = dropped
-            self._speed = Speedometer()
         if settings.real_time_factor != before.real_time_factor \
                 or settings.lockstep != before.lockstep:
             self._due = 0
@@ -238,7 +237,7 @@ class Scheduler:
             self._steps = None
 
     def _restart(self) -> None:
-        self._since = time.monotonic()
+        self._since, self._speed = time.monotonic(), Speedometer()  # a pause is not a delay
         if self._pace:
             self._pace.restart(self._since)
 

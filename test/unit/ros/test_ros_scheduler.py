@@ -77,6 +77,16 @@ def test_simulated_time_follows_the_clock_and_catches_up_to_a_limit(clock):
     assert setup.log[-1].startswith('falling behind: real-time factor 0.0')
 
 
+def test_a_pause_does_not_count_in_the_real_time_factor(clock):
+    setup = scheduled()
+    for tenth in range(40):
+        if tenth in (10, 29):
+            (setup.scheduler.pause if tenth == 10 else setup.scheduler.resume)()
+        for _ in range(10):
+            tick(setup, clock, 0.01)
+    assert setup.scheduler.real_time_factor == pytest.approx(1.0, abs=0.01) and not setup.log
+
+
 def test_a_follower_of_a_slow_clock_does_not_fall_behind_its_own_real_time_factor(
         clock, monkeypatch):
     monkeypatch.setattr(scheduler, 'create_subscription', lambda *_: None)
