@@ -13,6 +13,7 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.ros.rclpy_compat import send_result
 
 
 class DeferredActionServer(ActionServer):
@@ -55,4 +56,4 @@ class DeferredActionServer(ActionServer):
 
     def finish(self, handle: ServerGoalHandle, result: Any) -> None:
         """Send the result of a goal whose handle already has its final status."""
-        super().notify_execute(handle, lambda _: result)
+        send_result(self, handle, result)

@@ -8,6 +8,8 @@ import re
 from typing import Any, Dict, Iterator, List, Optional, Tuple
 
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy.action import ActionServer
+from rclpy.action.server import ServerGoalHandle
 from rclpy.context import Context
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.impl.rcutils_logger import RcutilsLogger
@@ -24,7 +26,7 @@ except ImportError:  # before rclpy 7.1.5
 
 __all__ = ['RCLError', 'RcutilsLogger', 'answer_later', 'available_transitions',
            'change_state_service', 'new_executor', 'parameter_overrides', 'parameter_services',
-           'reason_of', 'state_label', 'take_all', 'transition_label']
+           'reason_of', 'send_result', 'state_label', 'take_all', 'transition_label']
 
 
 def new_executor(context: Optional[Context] = None) -> Executor:
@@ -71,6 +73,18 @@ def answer_later(service: Service) -> None:
         else:
             send(response, header)
     service.send_response = send_response
+
+
+def send_result(server: ActionServer, handle: ServerGoalHandle, result: Any) -> None:
+    """
+    Send the result of a goal that has its final status.
+
+    rclpy leaves this to the executor, which no longer spins when a node ends.
+    """
+    future = server._result_futures[bytes(handle.goal_id.uuid)]
+    future._set_executor(None)  # which would send the result later
+    future.set_result(server.action_type.Impl.GetResultService.Response(
+        status=handle.status, result=result))
 
 
 def take_all(subscription: Subscription) -> Iterator[bytes]:

@@ -84,12 +84,6 @@ class GoalServers:
             self._finish(*self._running, GoalEnd(
                 Ending.E_STOP if self._standstill.engaged else Ending.LOST, why))
 
-    def close(self) -> None:
-        """End the goal because the node ends, and send the result."""
-        if self._running is not None:
-            self.abort('obstacle_decision was ended')
-            self._node.executor.spin_once(timeout_sec=0.1)
-
     def _finish(self, server: DeferredActionServer, handle: ServerGoalHandle,
                 end: GoalEnd) -> None:
         self._running = None

@@ -163,7 +163,7 @@ class ObstacleDecision(Node):
 
     def make_safe(self) -> None:
         """End the goal, lower the pendulum and write the outcome log."""
-        self._goals.close()
+        self._goals.abort('obstacle_decision was ended')
         if self._odometry is not None:
             self._outputs.end(self._odometry.header.stamp)
         self._experience.close()

@@ -15,6 +15,7 @@ from ballbot_ros.nodes.controller.node import Controller
 from ballbot_ros.nodes.obstacle_decision.node import ObstacleDecision
 from ballbot_ros.nodes.simulator.node import Simulator
 from ballbot_ros.ros import endpoints, qos
+from ballbot_ros.ros.rclpy_compat import new_executor
 
 
 class Graph:
@@ -133,6 +134,24 @@ def test_a_goal_is_lost_without_odometry(start, monkeypatch):
     graph.done(pause.call_async(Trigger.Request()))
     status, result = graph.result(handle)
     assert (status, result.outcome) == (GoalStatus.STATUS_ABORTED, result.OUTCOME_LOST)
+
+
+def test_the_result_of_a_goal_is_sent_although_its_node_ends(start, make_node, context):
+    graph = start('flat')
+    client, executor = make_node(Node, 'other_client'), new_executor(context)
+    executor.add_node(client)
+    action = ActionClient(client, DriveTo, 'obstacle_decision/drive_to')
+    graph.wait(action.server_is_ready)
+    sent = action.send_goal_async(DriveTo.Goal(target=5.0, relative=True))
+    graph.wait(sent.done, lambda: executor.spin_once(timeout_sec=0.0))
+    answer = sent.result().get_result_async()
+    graph.wait(lambda: graph.speed > 0.2)  # meanwhile the request for the result arrives
+    graph.decision.make_safe()
+    executor.spin_until_future_complete(answer, timeout_sec=10.0)
+    executor.shutdown()
+    assert answer.done()
+    result = answer.result().result
+    assert result.outcome == result.OUTCOME_LOST and 'ended' in result.message
 
 
 def test_an_e_stop_aborts_a_goal_and_new_goals_are_refused_until_resume(start):
