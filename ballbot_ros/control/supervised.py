@@ -21,6 +21,8 @@ RATE_SLACK = 0.98
 # Number of periods whose median gives the rate, and smallest number that does: one joint state
 # lost at the start must not stop the robot.
 RATE_PERIODS, LEAST_PERIODS = 20, 10
+# Shortest time between two warnings of a low rate, which may change with each joint state [s].
+WARNING_PERIOD = 1.0
 # Excessive resistance in the speed law is logged after this time [s]: pushes are shorter.
 RESISTANCE_TIME = 1.0
 # After an e-stop, set-points other than rest are accepted after a gap of this time [s].
@@ -105,7 +107,7 @@ class SupervisedController:
         self._rate = RateMonitor()
         self._newest: Optional[JointReadings] = None
         self._waiting: Optional[JointReadings] = None
-        self._held_at = -math.inf
+        self._held_at = self._warned_at = -math.inf
         # The last set-point other than rest, and its time.
         self._requested: Optional[SetPoint] = None
         self._requested_at = -math.inf
@@ -222,7 +224,9 @@ class SupervisedController:
         self._check_age(readings.stamp)
         rate = self._rate.rate
         slow = rate is not None and rate < RATE_SLACK * self.expected.lowest_rate
-        if slow and not self.too_slow:
+        if slow and not self.too_slow \
+                and not 0.0 <= readings.stamp - self._warned_at < WARNING_PERIOD:
+            self._warned_at = readings.stamp
             LOG.warning(
                 f'joint states arrive at {rate:.0f} Hz and these gains need '
                 f'{self.expected.lowest_rate:.0f} Hz: torque is 0; raise the rate, choose '

@@ -46,6 +46,23 @@ def test_a_low_state_rate_gives_no_torque_and_one_warning(caplog):
     assert torques[-1] != 0.0 and not controller.too_slow
 
 
+def test_a_state_rate_about_the_lowest_one_gives_one_warning_per_second(caplog):
+    controller = new_controller(lowest_rate=275.0)
+    controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
+    stamp, changes = 0.0, 0
+    while stamp < 2.5:
+        for period in (0.002, 0.004):
+            for _ in range(11):  # more than half of the periods of the median
+                before, stamp = controller.too_slow, stamp + period
+                answer(controller, stamp)
+                changes += before != controller.too_slow
+    assert changes > 20 and len(caplog.messages) == 3
+    answer(controller, 0.0)
+    for index in range(20):
+        answer(controller, 0.01 * index)
+    assert 'time went back' in caplog.messages[3] and '100 Hz' in caplog.messages[4]
+
+
 def test_after_a_low_state_rate_the_torque_starts_at_zero():
     controller = new_controller(lowest_rate=275.0)
     controller.give(SetPoint(Mode.HOLD, 0.0, 0.0))
