@@ -95,7 +95,8 @@ def declare(node: Node, cls: Type[S], prepare: Prepare[S] = lambda _: lambda: No
     for name, item in described.items():
         node.declare_parameter(name, item.value(settings), describe(item.metadata))
     node.get_logger().info('running with ' + (', '.join(
-        f'{name} {described[name].value(settings)!r}' for name in given) or 'default parameters'))
+        f'{name} {one.value!r}' for name, one in parameter_overrides(node).items()
+        if name in described or name in BUILT_IN) or 'default parameters'))
     Changes(node, settings, prepare)
     return settings
 

@@ -89,6 +89,11 @@ def test_an_integer_at_the_start_is_converted_to_a_float(make_node):
     assert type(owner.settings.gain) is type(owner.value('gain')) is float
 
 
+def test_the_log_names_each_parameter_that_is_given(make_node, capfd):
+    Owner(make_node, gain=3, use_sim_time=True)
+    assert 'running with gain 3.0, use_sim_time True' in capfd.readouterr().err
+
+
 def test_a_changed_value_gives_new_settings(owner):
     before = owner.settings
     assert owner.set(gain=3.0, method='euler').successful
