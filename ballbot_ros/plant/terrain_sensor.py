@@ -63,9 +63,10 @@ class TerrainSensor:
 
     def measure(self, x: float, y: float, number: int) -> Optional[TerrainSight]:
         """
-        Return an observation from a position of the ball centre [m]; None for a dropout.
+        Return an observation from a position of the ball centre [m]; None without any.
 
-        The number of this observation, from 0, determines the noise.
+        There is none at a dropout, or without ground in sight.  The number of this observation,
+        from 0, determines the noise.
         """
         found = self.sample(x, y, number)
         if found is None:
@@ -82,6 +83,8 @@ class TerrainSensor:
             return None
         first, last = np.interp([x - BEHIND, x + self._reach], self._x, self._course)
         course = np.arange(first + phase * self._spacing, last, self._spacing)
+        if not len(course):  # beyond the ends of the profile
+            return None
         ahead = np.interp(course, self._course, self._x) - x
         up = np.interp(course, self._course, self._y) - y
         noise = random.standard_normal(len(course))

@@ -56,6 +56,11 @@ def test_no_points_lie_behind_a_wall_and_the_range_ends_there():
     assert z.max() == pytest.approx(0.5 - RADIUS, abs=0.016)
 
 
+@pytest.mark.parametrize('x', [-1e9, -1e6, 1e6, 1e9])
+def test_beyond_the_ends_of_the_terrain_nothing_is_observed(x):
+    assert TerrainSensor(Terrain.flat(), 2.0).measure(x, 0.2, 1) is None
+
+
 def test_the_noise_depends_on_seed_and_number_and_equals_the_reported_noise():
     assert measured(Terrain.flat(), height_sd=0.003, number=5)[2] \
         == measured(Terrain.flat(), height_sd=0.003, number=5)[2]
