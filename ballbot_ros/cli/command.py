@@ -184,7 +184,8 @@ def _interruption() -> Iterator[list[int]]:
         again.cancel()
         sys.unraisablehook = hook
         for number, handler in replaced.items():
-            signal.signal(number, handler)
+            if signal.getsignal(number) is interrupt:  # nodes replace it, also for the exit
+                signal.signal(number, handler)
 
 
 def print_refusal(error: BallbotError) -> None:

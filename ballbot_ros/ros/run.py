@@ -113,7 +113,8 @@ def run_together(make_nodes: Sequence[Callable[[], Node]],
                 os._exit(0)
             raise _Stopped
 
-    for number in (signal.SIGINT, *ending_signals()):
+    signals = (signal.SIGINT, *ending_signals())
+    for number in signals:
         signal.signal(number, stop)
     sys.setswitchinterval(SWITCH_INTERVAL)
     reach = discovery.apply(os.environ)
@@ -179,6 +180,9 @@ def run_together(make_nodes: Sequence[Callable[[], Node]],
     finally:
         making = False
         with ExitStack() as ends:  # calls the last one first, and all if one raises an exception
+            # The interpreter would end with the code of a signal that it receives in its shutdown.
+            for number in signals:
+                ends.callback(signal.signal, number, signal.SIG_IGN)
             ends.callback(faulthandler.cancel_dump_traceback_later)
             ends.callback(rclpy.try_shutdown)
             ends.callback(executor.shutdown)

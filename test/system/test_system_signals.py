@@ -5,7 +5,11 @@ Ctrl-C and SIGTERM end a node immediately, with exit code 0 and without a traceb
 In each state of the nodes one of the two: their handler does not depend on the signal.
 """
 import signal
+import subprocess
+import sys
+import time
 
+import pytest
 from sensor_msgs.msg import JointState
 
 NODES = ('simulator', 'controller', 'obstacle_decision')
@@ -56,3 +60,16 @@ def test_sigterm_ends_busy_nodes(graph):
     graph.wait_for_log('obstacle_decision', 'running with')  # it may still be importing
     graph.add_load(4)
     end_all(graph, signal.SIGTERM)
+
+
+@pytest.mark.parametrize('program', [
+    'from ballbot_ros.nodes.start import start; sys.exit(start("controller"))',
+    'from ballbot_ros.cli import main; sys.exit(main(["run", "controller"]))'])
+def test_repeated_signals_do_not_change_the_exit_code(program):
+    with subprocess.Popen([sys.executable, '-c', f'import sys; {program}'], text=True,
+                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
+        assert any('ready after' in line for line in process.stdout)
+        while process.poll() is None:
+            process.send_signal(signal.SIGINT)
+            time.sleep(0.005)
+        assert process.returncode == 0 and 'Traceback' not in process.stdout.read()
