@@ -18,7 +18,7 @@ from concurrent.futures import ThreadPoolExecutor
 import os
 from threading import local
 from typing import (
-    Any, Callable, Iterator, List, NamedTuple, Optional, Sequence, Tuple, TypeVar, Union)
+    Any, Callable, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple, TypeVar, Union)
 
 import numpy as np
 
@@ -280,7 +280,7 @@ def _prepare(robot: Robot, speed: float, actuation: Actuation, pendulum_angle: O
     return Crossings.of(1, robot, speed, pendulum_angle, actuation, site, rules, options)
 
 
-def max_step_heights(robot: RobotLike, speeds: Sequence[float],
+def max_step_heights(robot: RobotLike, speeds: Iterable[float],
                      actuation: Actuations = Actuation(),
                      pendulum_angle: Optional[float] = None, accuracy: float = 5e-5,
                      site: Site = Site(), rules: Rules = Rules(),
@@ -299,7 +299,7 @@ def max_step_heights(robot: RobotLike, speeds: Sequence[float],
         drive = actuation(speed) if callable(actuation) else actuation
         return max_step_height(robot, speed, drive, pendulum_angle, accuracy, site, rules,
                                options, scan)
-    return list(parallel_searches(find, speeds, threads))
+    return list(parallel_searches(find, list(speeds), threads))
 
 
 def parallel_searches(find: Callable[[Item], Found], items: Sequence[Item],
