@@ -77,7 +77,7 @@ class Goal:
     def cancel(self) -> None:
         """Stop the ball; the goal ends when it rests."""
         self.canceled = True
-        self._end = GoalEnd(Ending.CANCELED, 'canceled: the ball was stopped')
+        self._end = GoalEnd(Ending.CANCELED, 'the ball was stopped')
 
     def constrain(self, planned: Decision, motion: Motion) -> Decision:
         """Return the executed part of a decision."""

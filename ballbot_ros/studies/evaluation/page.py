@@ -148,5 +148,6 @@ def summary(report: Report) -> str:
               for line in one['targets']]
     lines += [f'  {name}: {" ".join(map(str, numbers))}'
               for name, numbers in one['numbers'].items() if numbers]
-    lines += ['  crossable, not crossed: ' + ' '.join(map(str, one['crossable']['missed']))]
+    if one['crossable']['missed']:
+        lines += ['  crossable, not crossed: ' + ' '.join(map(str, one['crossable']['missed']))]
     return '\n'.join(lines)
