@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
         emulator.stop()
         if arguments.log is not None:
             from ballbot_ros.results.files import write_text
-            # Time of the monotonic clock [s], and motor torque [N m].
+            # Time of `steady_time` [s], and motor torque [N m].
             write_text('time,torque\n' + ''.join(
                 f'{when:.6f},{torque:.9g}\n' for when, torque in emulator.log),
                 arguments.log)
