@@ -363,17 +363,15 @@ def set_up(group):
             Stage('kernels_2', 'of simulator and controller, likewise', key(cache, *sources),
                   compile_kernels(['simulator', 'controller']))]
     else:
-        tests = Stage('tests', 'packages that only the tests import',
-                      digest(pins, LOCKS / 'test.txt', LOCKS / 'test.in'),
-                      install_test_packages(ros))
+        steps[2] += [
+            Stage('tests', 'packages that only the tests import',
+                  digest(pins, LOCKS / 'test.txt', LOCKS / 'test.in'), install_test_packages(ros)),
+            Stage('docs', 'Sphinx and its theme', digest(pins, LOCKS / 'docs.txt'),
+                  install_docs_packages)]
         if not ros:
             name = 'simulation_interfaces'
-            steps += [[tests, Stage('interfaces', name + ', built with colcon',
-                                    key(*files(INTERFACES / name)), build_interface(name))]]
-        else:
-            steps += [[tests]]
-        steps += [[Stage('docs', 'Sphinx and its theme', digest(pins, LOCKS / 'docs.txt'),
-                         install_docs_packages)]]
+            steps[2] += [Stage('interfaces', name + ', built with colcon',
+                               key(*files(INTERFACES / name)), build_interface(name))]
     if group in ('bench', 'fuzz', 'mutants'):
         lock = LOCKS / (group + '.txt')
         steps += [[Stage(group, 'packages for make ' + group, digest(pins, lock),
