@@ -6,8 +6,8 @@ from typing import List, NamedTuple, Optional, Tuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.decision.perception.kernels import medians, middle
 from ballbot_ros.decision.tuning import DecisionTuning
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.terrain import Array
 
 Whole = NDArray[np.intp]
@@ -45,6 +45,43 @@ class Scan(NamedTuple):
         """Return the positions of the nodes along the odometry axis [m]."""
         found: Array = np.arange(self.first, self.first + len(self.z), dtype=float) * CELL
         return found
+
+
+@compiled
+def write_medians(values: Array, window: Array, found: Array) -> None:
+    """Write the (2, n) result of `medians`; `window` is a work array, (7,)."""
+    last = len(values) - 1
+    for index in range(len(values)):
+        for row in range(2):
+            for side in range(7):
+                place = index + side - 3
+                place = last - abs(last - abs(place)) if last > 2 else min(max(place, 0), last)
+                value = values[place] if row == 0 else abs(values[place] - found[0, index])
+                rank = side
+                while rank > 0 and window[rank - 1] > value:
+                    window[rank] = window[rank - 1]
+                    rank -= 1
+                window[rank] = value
+            found[row, index] = window[3]
+
+
+def medians(values: Array) -> Array:
+    """
+    Return the medians of each value and its neighbours, and of their deviations from it, (2, n).
+
+    Three neighbours on each side.  At the ends they count twice: a last point beyond a gap is not
+    its own median.
+    """
+    found = np.empty((2, len(values)))
+    write_medians(values, np.empty(7), found)
+    return found
+
+
+def middle(values: Array) -> float:
+    """Return the upper median of a non-empty array; `numpy.median` takes eight times as long."""
+    half, found = len(values) // 2, values.copy()
+    found.partition(half)
+    return float(found[half])
 
 
 def deviation(bends: Array) -> float:

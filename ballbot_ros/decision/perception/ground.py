@@ -9,9 +9,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 from ballbot_ros.crossing.rules import sink_depth, touch_distance
 from ballbot_ros.decision.perception.edge_map import HEIGHT_ENTRY, HEIGHT_EXIT
 from ballbot_ros.decision.perception.elevation import (
-    CELL, ElevationMap, Flags, POSITION_SD, Whole)
-from ballbot_ros.decision.perception.kernels import line, middle, simplify
+    CELL, ElevationMap, Flags, middle, POSITION_SD, Whole)
+from ballbot_ros.decision.perception.ground_profile import simplify
 from ballbot_ros.decision.values import Face, Profile
+from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.terrain import Array
 
 # A steeper segment is a face, not a ramp: no ball of this kind rolls up 11 degrees.
@@ -33,6 +34,42 @@ SLOPE_NODES = 20
 POSITION_TOLERANCE = 1e-6
 # Minimum tolerance of the polyline simplification [m].
 TOLERANCE_MIN = 0.001
+
+
+@compiled
+def line(x: Array, z: Array, variance: Array, begin: int, end: int,
+         at: float) -> tuple[float, float, float, float]:
+    """
+    Return height and slope of the line fitted to some points, and their variances.
+
+    Parameters
+    ----------
+    x, z, variance : (n,) arrays
+        Coordinates [m], and variances of z [m2].
+    begin, end : int
+        Range of the points, `end` excluded; for fewer than 6, the slope is 0, its variance inf.
+    at : float
+        Position of the requested height [m].
+
+    """
+    weights = mean_x = mean_z = 0.0
+    for index in range(begin, end):
+        weight = 1.0 / variance[index]
+        weights += weight
+        mean_x += weight * x[index]
+        mean_z += weight * z[index]
+    mean_x /= weights
+    mean_z /= weights
+    if end - begin < 6:
+        return mean_z, 0.0, 1.0 / weights, math.inf
+    spread = product = 0.0
+    for index in range(begin, end):
+        weight = 1.0 / variance[index]
+        spread += weight * (x[index] - mean_x) ** 2
+        product += weight * (x[index] - mean_x) * (z[index] - mean_z)
+    slope = product / spread
+    return (mean_z + slope * (at - mean_x), slope,
+            1.0 / weights + (at - mean_x) ** 2 / spread, 1.0 / spread)
 
 
 class Piece(NamedTuple):

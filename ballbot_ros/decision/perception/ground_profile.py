@@ -6,8 +6,9 @@ from typing import List, Sequence, Tuple
 
 import numpy as np
 
-from ballbot_ros.decision.perception.kernels import simplify
 from ballbot_ros.decision.values import Profile
+from ballbot_ros.jit import compiled
+from ballbot_ros.physics.model.terrain import Array
 
 # Minimum deviation of a bend of the ground between faces [m].
 BEND_HEIGHT_MIN = 0.004
@@ -17,6 +18,47 @@ FACE_CLEARANCE = 1e-4
 BENDS_MAX = 4
 # Minimum length of the last segment of the polyline for a slope [m].
 END_LENGTH_MIN = 0.1
+
+
+@compiled
+def simplify(x: Array, z: Array, tolerance: Array, keep: Array, stack: Array) -> int:
+    """
+    Mark the points that keep a polyline within its tolerance, and return their number.
+
+    The Douglas-Peucker algorithm, with a tolerance at each point.
+
+    Parameters
+    ----------
+    x, z, tolerance : (n,) arrays
+        Coordinates, x ascending, and tolerances of z [m].
+    keep : (n,) array
+        Set to 1 where a point is kept, to 0 elsewhere.
+    stack : (n, 2) array
+        Work array.
+
+    """
+    last = len(x) - 1
+    for index in range(len(x)):
+        keep[index] = 0.0
+    keep[0] = keep[last] = 1.0
+    kept, depth = 2, 1
+    stack[0, 0], stack[0, 1] = 0.0, last
+    while depth > 0:
+        depth -= 1
+        begin, end = int(stack[depth, 0]), int(stack[depth, 1])
+        grade = (z[end] - z[begin]) / max(x[end] - x[begin], 1e-9)
+        worst, where = 1.0, -1
+        for index in range(begin + 1, end):
+            off = abs(z[index] - z[begin] - grade * (x[index] - x[begin])) / tolerance[index]
+            if off > worst:
+                worst, where = off, index
+        if where >= 0:
+            keep[where] = 1.0
+            kept += 1
+            stack[depth, 0], stack[depth, 1] = begin, where
+            stack[depth + 1, 0], stack[depth + 1, 1] = where, end
+            depth += 2
+    return kept
 
 
 class GroundProfile:

@@ -10,11 +10,10 @@ import numpy as np
 from ballbot_ros.decision.perception.edge_map import (
     EdgeEstimate, EdgeMap, Existence, Rejection)
 from ballbot_ros.decision.perception.elevation import (
-    CELL, ElevationMap, Flags, resample, SLOPE_MAX)
+    CELL, ElevationMap, Flags, medians, middle, resample, SLOPE_MAX)
 from ballbot_ros.decision.perception.ground import FACE_SIGMAS, ground_of
 from ballbot_ros.decision.perception.ground_profile import (
     SLOPE_HYSTERESIS, SLOPE_LENGTH, steep_stretches)
-from ballbot_ros.decision.perception.kernels import medians, middle
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import POSITION_MAX, Profile, Reason, TerrainObservation
 from ballbot_ros.physics.model.terrain import Array

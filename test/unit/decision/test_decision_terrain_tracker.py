@@ -10,8 +10,7 @@ from tiers import slow
 from ballbot_ros.decision import (
     DecisionTuning, Motion, ProfileTracker, Reason, TerrainObservation)
 from ballbot_ros.decision.perception import GroundFusion
-from ballbot_ros.decision.perception.elevation import CELL, ElevationMap, Scan
-from ballbot_ros.decision.perception.kernels import medians
+from ballbot_ros.decision.perception.elevation import CELL, ElevationMap, medians, Scan
 from ballbot_ros.physics import Terrain
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.plant import SensorFaults, TerrainSensor
