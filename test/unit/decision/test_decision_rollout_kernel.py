@@ -11,7 +11,7 @@ from ballbot_ros.control.speed_law import speed_law_start
 from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision import (
     Face, Knowledge, load_curve, load_decision_tuning, Motion, Profile, Situation)
-from ballbot_ros.decision.execution.pilot_law import Order, pilot_step
+from ballbot_ros.decision.execution.pilot import Order, pilot_step
 from ballbot_ros.decision.planning.ahead import Candidate, look_ahead
 from ballbot_ros.decision.planning.face_planner import Choice, go
 from ballbot_ros.decision.planning.rollout.rollout import (

@@ -23,7 +23,7 @@ from ballbot_ros.control.rolling_model import rolling_loads, RollingNumbers
 from ballbot_ros.control.speed_law import Numbers, speed_law_start, SpeedState
 from ballbot_ros.crossing.attempt import RETREAT, touching_at
 from ballbot_ros.crossing.rules import CLEARANCE
-from ballbot_ros.decision.execution.pilot_law import pilot_step, PlainOrder
+from ballbot_ros.decision.execution.pilot import pilot_step, PlainOrder
 from ballbot_ros.decision.planning.ahead import CONTACT_TIME_MAX, FACES_MAX
 from ballbot_ros.decision.values import REST_SPEED_MAX
 from ballbot_ros.jit import compiled, in_python, outlined, packer, unlocked, unpacker
@@ -76,7 +76,7 @@ class Drive(NamedTuple):
     limit: float  # of the torque [N m]
     motor_line: tuple[float, float, float, float]  # see `Robot.motor_line`
     law: Numbers  # of the speed law
-    lean: float  # see `pilot_law.Order` [rad]
+    lean: float  # see `pilot.Order` [rad]
     emergency_lean: float
     reaction: float  # [s]
     cruise: float  # speed behind the last edge [m/s]
