@@ -17,7 +17,7 @@ import math
 from typing import NamedTuple
 
 from ballbot_ros.jit import compiled, outlined
-from ballbot_ros.physics.mechanics.contact import IntArray, slip_lever
+from ballbot_ros.physics.mechanics.contact import IntArray, slip_lever, touching_at
 from ballbot_ros.physics.mechanics.equations import energies, System
 from ballbot_ros.physics.model.actuation import FREE
 from ballbot_ros.physics.model.robot import Parameters
@@ -72,21 +72,6 @@ def set_height(ground: Array, height: float) -> None:
     ground[EDGE_VERTEX, VERTEX_Y] = height
     ground[END_VERTEX, VERTEX_Y] = height + slope * (
         ground[END_VERTEX, VERTEX_X] - ground[EDGE_VERTEX, VERTEX_X])
-
-
-@compiled
-def touching_at(radius: float, distance: float, height: float, cosine: float,
-                sine: float) -> float:
-    """
-    Return the position along the ground, from the foot, at which a ball touches a step [m].
-
-    The centre is at a `distance` from the ground, whose slope has this cosine and sine.
-    """
-    along = (distance * sine - radius) / cosine  # touch of an infinitely high wall
-    if along * sine + distance * cosine > height:
-        rise = distance - height * cosine
-        along = height * sine - math.sqrt(max(radius**2 - rise * rise, 0.0))
-    return along
 
 
 @compiled

@@ -22,9 +22,10 @@ from typing import Any, Callable, Optional, Sequence
 import numpy as np
 
 from ballbot_ros.config.fields import Checked, quantity, text
-from ballbot_ros.crossing.attempt import Course, touching_at, VERTICES
+from ballbot_ros.crossing.attempt import Course, VERTICES
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.jit import in_python
+from ballbot_ros.physics.mechanics.contact import touching_at
 from ballbot_ros.physics.model.actuation import Actuation
 from ballbot_ros.physics.model.robot import Robot
 from ballbot_ros.physics.model.terrain import Array, friction_coefficient

@@ -255,6 +255,21 @@ def ground_height(ground: Array, x: float) -> float:
 
 
 @compiled
+def touching_at(radius: float, distance: float, height: float, cosine: float,
+                sine: float) -> float:
+    """
+    Return the position along the ground, from the foot, at which a ball touches a step [m].
+
+    The centre is at a `distance` from the ground, whose slope has this cosine and sine.
+    """
+    along = (distance * sine - radius) / cosine  # touch of an infinitely high wall
+    if along * sine + distance * cosine > height:
+        rise = distance - height * cosine
+        along = height * sine - math.sqrt(max(radius**2 - rise * rise, 0.0))
+    return along
+
+
+@compiled
 def line_distance(segment: int, x: float, y: float, ground: Array) -> float:
     """
     Return the distance of a point above the line of a segment [m].

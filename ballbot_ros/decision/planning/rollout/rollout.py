@@ -21,14 +21,14 @@ import numpy as np
 
 from ballbot_ros.control.rolling_model import rolling_loads, RollingNumbers
 from ballbot_ros.control.speed_law import Numbers, speed_law_start, SpeedState
-from ballbot_ros.crossing.attempt import RETREAT, touching_at
+from ballbot_ros.crossing.attempt import RETREAT
 from ballbot_ros.crossing.rules import CLEARANCE
 from ballbot_ros.decision.execution.pilot import pilot_step, PlainOrder
 from ballbot_ros.decision.planning.ahead import CONTACT_TIME_MAX, FACES_MAX
 from ballbot_ros.decision.values import REST_SPEED_MAX
 from ballbot_ros.jit import compiled, in_python, outlined, packer, unlocked, unpacker
 from ballbot_ros.physics.mechanics.contact import (
-    ContactMode, find_contacts, first_segment, IntArray, loads_of, OWN, POINT_X)
+    ContactMode, find_contacts, first_segment, IntArray, loads_of, OWN, POINT_X, touching_at)
 from ballbot_ros.physics.mechanics.equations import read_parameters, write_rates
 from ballbot_ros.physics.model.actuation import applied_torque, position_torque
 from ballbot_ros.physics.model.robot import Parameters
