@@ -25,13 +25,11 @@ import math
 from typing import NamedTuple, Tuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.robot import Robot
-
-Array = NDArray[np.float64]
+from ballbot_ros.physics.model.terrain import Array
 
 
 def require_pendulum(robot: Robot) -> None:

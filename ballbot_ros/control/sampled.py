@@ -21,13 +21,14 @@ from typing import NamedTuple, Optional, Sequence, Tuple, Union
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.control.rolling_model import Array, RollingModel
+from ballbot_ros.control.rolling_model import RollingModel
 from ballbot_ros.control.signals import Mode
 from ballbot_ros.control.speed_law import speed_law_step, SpeedLaw, SpeedState
 from ballbot_ros.control.tuning import ControlTuning
 from ballbot_ros.errors import ConfigurationError, UnstableLoopError
 from ballbot_ros.physics.model.actuation import position_torque
 from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.terrain import Array
 
 # Laws (11) and (12) do not control the speed of the ball: this nearly neutral mode, damped by
 # friction only, may drift.  Growth below this [1/s] is such drift, which the source of the

@@ -26,11 +26,12 @@ import numpy as np
 
 from ballbot_ros.config.fields import Checked, quantity
 from ballbot_ros.control.rolling_model import (
-    Array, Rolling, rolling_linearised, RollingModel, RollingNumbers)
+    Rolling, rolling_linearised, RollingModel, RollingNumbers)
 from ballbot_ros.control.signals import JointReadings
 from ballbot_ros.estimation.imu import ImuReading, turned
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.terrain import Array
 
 
 @dataclass(frozen=True)

@@ -19,11 +19,11 @@ import math
 from typing import NamedTuple, Optional, Tuple
 
 from ballbot_ros.config.fields import Checked, quantity
-from ballbot_ros.control.rolling_model import Array
 from ballbot_ros.estimation.imu import ImuReading, turned
 from ballbot_ros.estimation.kalman import BALL_RATE, Estimate, JOINT, PENDULUM
 from ballbot_ros.jit import compiled
 from ballbot_ros.physics.model.robot import Robot
+from ballbot_ros.physics.model.terrain import Array
 
 # Correlation time of the slip and of the error of the accelerometer [s].
 CORRELATION_TIME = 0.1

@@ -10,12 +10,9 @@ import math
 from typing import Any, Callable, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot_ros.floors.floor import Feature, Floor, Heights, inside, LINES, Point
-from ballbot_ros.physics.model.terrain import Terrain
-
-Array = NDArray[np.float64]
+from ballbot_ros.physics.model.terrain import Array, Terrain
 
 WALL_HEIGHT = 1.0  # [m]
 # Depth of stairs and of drops whose height is not given [m].

@@ -3,17 +3,15 @@
 from dataclasses import dataclass, replace
 import heapq
 import math
-from typing import List, Optional, Tuple, Union
+from typing import List, Optional, Tuple
 
 import numpy as np
 
-from ballbot_ros.decision.values import StepObservation, TerrainObservation
+from ballbot_ros.decision import Observation, StepObservation, TerrainObservation
 from ballbot_ros.physics.model.terrain import Array, Terrain
 from ballbot_ros.plant import Sensor, SensorFaults, TerrainSensor
 from ballbot_ros.plant.terrain_sensor import endless
-
-Observation = Union[StepObservation, TerrainObservation]
-Random = np.random.Generator
+from ballbot_ros.studies.evaluation.terrains import Random
 
 KINDS = ('step', 'terrain', 'camera')
 FULL_REACH = 3.0              # [m]
@@ -92,9 +90,9 @@ class SensorModel:
         return ', '.join(found)
 
 
-def draw_sensor(random: Random, sensors: str, kind: Optional[str] = None) -> SensorModel:
+def draw_sensor(random: Random, sensors: str, kind: Optional[str]) -> SensorModel:
     """
-    Return a sensor with drawn faults, of a kind of `KINDS`, by default any.
+    Return a sensor with drawn faults, of a kind of `KINDS`, of any kind for None.
 
     If the kind cannot detect the obstacle according to `terrains.Shape.sensors`, it is replaced.
     """
