@@ -76,7 +76,7 @@ def run_house_demo(out: Path, real_time: bool = False, quiet: bool = False, time
     planner = RoutePlanner(floor, Knowledge(
         ball, load_curve(curve), load_decision_tuning(DECISION), load_tuning(TUNING)))
     for visit in tour:
-        planner.check_place(visit[1:], 'goal')
+        planner.check_goal(visit[1:])
     prepare(('simulator', 'controller', 'decision'))
     planner.warm_up()
     import_nodes(('simulator', 'controller', 'navigator'))

@@ -89,7 +89,7 @@ class BusOfTwo(Device):
         """Do nothing: each device boots separately."""
 
 
-def new_device(protocol: str, settings: DriveSettings, steering: bool = False) -> Device:
+def new_device(protocol: str, settings: DriveSettings, steering: bool) -> Device:
     """
     Return an emulated drive, with a second motor if the robot steers.
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of a floor, and of a route on it."""
 from contextlib import contextmanager
-from typing import Any, Iterator, Optional, Sequence, Tuple
+from typing import Any, Iterator, Sequence, Tuple
 
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
@@ -18,13 +18,11 @@ COLOURS = {'step': VERMILION, 'threshold': ORANGE, 'cord': ORANGE, 'drop': INK, 
            'carpet': SOIL, 'level': SKY, 'ramp': SKY, 'friction': PURPLE, 'keep_out': GREY}
 
 
-def route_figure(floor: Floor, route: Optional[Route] = None, radius: float = 0.0) -> Figure:
+def route_figure(floor: Floor, route: Route, radius: float) -> Figure:
     """Return a plan of a floor with a route, and the ball of a radius [m] along it."""
-    title = floor.name if route is None else (
-        f'{floor.name}: {route.time:.0f} s, probability {route.probability:.2f}')
+    title = f'{floor.name}: {route.time:.0f} s, probability {route.probability:.2f}'
     with _plan_of(floor, title) as (figure, axes):
-        if route is not None:
-            _draw_route(axes, route, radius)
+        _draw_route(axes, route, radius)
     return figure
 
 

@@ -241,7 +241,7 @@ class Navigator:
 
         """
         self._check(percept)
-        self.planner.check_place(goal, 'goal')
+        self.planner.check_goal(goal)
         started = replace(
             state, status=NavStatus.STOPPING, reason='', message='planning', goal=goal,
             next=NavStatus.DRIVING, replans=0, recoveries=0, alignments=0, agreeing=(0, 0),

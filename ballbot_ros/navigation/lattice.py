@@ -244,8 +244,8 @@ class SearchTree(NamedTuple):
 class Tree:
     """A search tree that searches reuse and that grows on demand."""
 
-    def __init__(self, count: int = 1 << 18):
-        self._nodes = SearchTree.of(count)
+    def __init__(self) -> None:
+        self._nodes = SearchTree.of(1 << 18)
 
     def find(self, problem: Problem) -> Tuple[float, List[Tuple[int, int]]]:
         """

@@ -713,9 +713,9 @@ class RoutePlanner:
         return SAMPLE_DISTANCE * free_steps(
             barriers, row, column, up, across, round(CROSSING_LENGTH_MAX / SAMPLE_DISTANCE))
 
-    def check_place(self, point: Sequence[float], what: str) -> None:
+    def check_goal(self, point: Sequence[float]) -> None:
         """
-        Check that the centre of the ball may be at a position.
+        Check that the centre of the ball may be at a goal.
 
         Raises
         ------
@@ -724,16 +724,16 @@ class RoutePlanner:
             ``'obstacle'`` or ``'not_finite'``.
 
         """
-        self._check_walls(point, what, self.ball_radius + CLEARANCE)
-        where, node = f'{what} ({point[0]:g}, {point[1]:g}) m', self._node(point)
+        self._check_walls(point, 'goal', self.ball_radius + CLEARANCE)
+        where, node = f'goal ({point[0]:g}, {point[1]:g}) m', self._node(point)
         for near, feature in zip(self._near, self.features):
             if near.flat[node]:
                 raise RefusedError(f'{where} is too close to the {feature.label}; choose a '
-                                   'position farther from it', 'feature', what)
+                                   'position farther from it', 'feature', 'goal')
         if self._blocked.flat[node]:
             raise RefusedError(
                 f'{where} is at an obstacle that the robot has observed and that is not on the '
-                'map; choose another position, or clear the obstacle', 'obstacle', what)
+                'map; choose another position, or clear the obstacle', 'obstacle', 'goal')
 
     def _check_walls(self, point: Sequence[float], what: str, clear: float) -> None:
         if not all(math.isfinite(item) for item in point[:2]):
@@ -768,14 +768,14 @@ class RoutePlanner:
         Raises
         ------
         RefusedError
-            If start or goal is refused, see `check_place`.  With the reason ``'no_route'`` if no
+            If start or goal is refused, see `check_goal`.  With the reason ``'no_route'`` if no
             route exists; the message lists the crossings on the shortest path that are excluded,
             and what each lacks, or all of them if the ball cannot turn between them.  With
             ``'improbable'`` if only the product of the probabilities of the crossings is below
             the required one.
 
         """
-        self.check_place(goal, 'goal')
+        self.check_goal(goal)
         if explore != self.explores:
             self._offer(explore)
         ways = self.leaving(start) or (1, -1)

@@ -82,7 +82,7 @@ class NavigationServers:
     def _check(self, request: Any) -> None:
         try:
             self._ready_to_drive()
-            self._node.navigator.planner.check_place(self._goal(request.pose), 'goal')
+            self._node.navigator.planner.check_goal(self._goal(request.pose))
         except BallbotError as error:
             self.count(error)
             raise

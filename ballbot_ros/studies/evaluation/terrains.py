@@ -203,9 +203,9 @@ KINDS: Mapping[str, Tuple[float, Callable[[Random, float], Shape]]] = {
     'cord': (0.03, _cord), 'corridor': (0.02, _corridor), 'nothing': (0.02, _nothing)}
 
 
-def draw_shape(random: Random, room: float, kind: Optional[str] = None) -> Tuple[str, Shape]:
+def draw_shape(random: Random, room: float, kind: Optional[str]) -> Tuple[str, Shape]:
     """
-    Return a kind of `KINDS`, by default any, and an obstacle of this kind.
+    Return the given kind of `KINDS`, any for None, and an obstacle of this kind.
 
     `room` is the length of floor behind each edge, if the kind allows for it [m].
     """

@@ -442,10 +442,10 @@ def test_the_distance_kept_from_a_step_depends_on_its_measured_height(tmp_path):
     planner = planner_of(tmp_path, ['{kind: step, line: [[2.0, 4.0], [2.0, 0.0]], height: 0.05}'])
     beside = (1.84, 2.0)
     with pytest.raises(RefusedError) as caught:
-        planner.check_place(beside, 'goal')
+        planner.check_goal(beside)
     assert caught.value.reason == 'feature'
     planner.learn(Learned(heights=((0, 0.008),)))
-    planner.check_place(beside, 'goal')
+    planner.check_goal(beside)
 
 
 @pytest.mark.parametrize('learned', [
@@ -598,11 +598,11 @@ def test_the_outline_of_a_level_along_a_wall_is_ignored(tmp_path):
     hall = '{kind: level, polygon: [[0, 0], [4, 0], [4, 4], [0, 4]], height: 0.06}'
     for level, x in ((room, 2.0), (hall, 2.0)):
         planner = planner_of(tmp_path, [level], (8, 4), '[[[4, 0], [4, 1.5]], [[4, 2.5], [4, 4]]]')
-        planner.check_place((x, 0.4), 'goal')
-        planner.check_place((0.4, 2.0), 'goal')
-        planner.check_place((3.6, 0.5), 'goal')  # at the wall between the rooms
+        planner.check_goal((x, 0.4))
+        planner.check_goal((0.4, 2.0))
+        planner.check_goal((3.6, 0.5))  # at the wall between the rooms
         with pytest.raises(RefusedError):
-            planner.check_place((3.6, 2.0), 'goal')  # at the upper side of the door
+            planner.check_goal((3.6, 2.0))  # at the upper side of the door
 
 
 def test_a_measured_height_is_more_certain_than_the_one_of_the_map(tmp_path):
@@ -678,20 +678,20 @@ def test_the_upper_side_of_a_high_level_is_its_interior_also_beyond_the_ends_of_
     planner = planner_of(
         tmp_path, [f'{{kind: level, polygon: {outline}, height: 0.06}}'], (6, 6))
     for beside in ((0.7, 1.3), (1.3, 0.7), (3.3, 4.8), (3.3, 3.3), (2.0, 2.0)):
-        planner.check_place(beside, 'goal')
+        planner.check_goal(beside)
     for above in ((1.3, 1.3), (2.7, 2.7), (4.7, 2.0)):
         with pytest.raises(RefusedError) as caught:
-            planner.check_place(above, 'goal')
+            planner.check_goal(above)
         assert caught.value.reason == 'feature'
 
 
 @pytest.mark.parametrize('feature', [HIGH, PODIUM, PIT])
 def test_the_upper_side_of_a_high_step_is_a_drop_and_the_lower_side_is_not(feature, tmp_path):
     planner = planner_of(tmp_path, [feature])
-    planner.check_place((1.75, 2.0), 'goal')
+    planner.check_goal((1.75, 2.0))
     for beside in (2.25, 2.5):
         with pytest.raises(RefusedError) as caught:
-            planner.check_place((beside, 2.0), 'goal')
+            planner.check_goal((beside, 2.0))
         assert caught.value.reason == 'feature'
         assert planner.clearance((beside, 2.0)) < 0.0
     route = planner.route((2.65, 0.7, 0.5 * math.pi), (2.65, 3.3))
@@ -728,7 +728,7 @@ def test_a_ramp_on_which_the_ball_cannot_stand_is_closed(tmp_path):
         planner.route((1.5, 1.0), (7.5, 1.5))
     assert refusal.value.reason == 'no_route'
     with pytest.raises(RefusedError) as refusal:
-        planner.check_place((5.0, 2.7), 'goal')
+        planner.check_goal((5.0, 2.7))
     assert refusal.value.reason == 'feature'
 
 
