@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measurements of a run, with separate times for each channel."""
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Dict, Mapping, Optional, Tuple
 
 import numpy as np
@@ -9,7 +9,7 @@ from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics import Model, Scene, simulate, Solver, Trajectory
 from ballbot_ros.physics.model.actuation import Actuator, TORQUE
 from ballbot_ros.physics.model.terrain import Array
-from ballbot_ros.physics.simulation.solver import failure, Integrator
+from ballbot_ros.physics.simulation.solver import failure
 from ballbot_ros.physics.solvers.values import FINISHED, Status
 
 # Channels that can be compared; `results.units.SI` has their units.
@@ -114,7 +114,7 @@ def replay(scene: Scene, recording: Recording, use_torque: bool, solver: Solver 
     """
     model = Model(scene.model.robot, scene.model.terrain, scene.model.options, solver)
     if use_torque:
-        rows = _driven(model, scene, recording, solver)
+        rows = _driven(model, scene, recording)
     else:
         rows = simulate(model, scene.initial.state(model), scene.actuation,
                         recording.duration + 2.0 * grid, grid).rows
@@ -127,23 +127,22 @@ def replay(scene: Scene, recording: Recording, use_torque: bool, solver: Solver 
             for name, (times, _) in recording.channels.items()}
 
 
-def _driven(model: Model, scene: Scene, recording: Recording, solver: Solver) -> Array:
+def _driven(model: Model, scene: Scene, recording: Recording) -> Array:
     """Return rows of a run under the recorded torque, one per sample of the torque."""
     if recording.torque is None:
         raise ConfigurationError(
             'recording: there is no column pendulum_torque to apply', 'missing', 'pendulum_torque')
     state = scene.initial.state(model)
     vector, status = np.array(state[1:]), Status(FINISHED, state.time)
-    integrator = Integrator(model.parameters, model.profile, replace(solver, models='full'))
     times, torques = recording.torque
     rows = [[*state, 0.0]]
     for moment, torque in zip(times.tolist(), torques.tolist()):
         if moment <= status.time:
             continue
-        status = integrator.advance(
+        status = model.integrator.advance(
             # The torque jumps: the step size is kept, the rates are not.
             Actuator(TORQUE, torque), vector, status._replace(has_mode=False), moment)
         if status.outcome != FINISHED:
-            raise failure(status.outcome, status.time, vector, solver)
+            raise failure(status.outcome, status.time, vector, model.solver_in_use)
         rows.append([moment, *vector.tolist(), torque])
     return np.array(rows)

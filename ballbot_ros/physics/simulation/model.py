@@ -213,8 +213,8 @@ class Model:
         if solver.fixed:
             check_work(solver, steps)
             ledger = Ledger(self.parameters, self.profile, vector)
-        self._integrator.workspace.statistics[:] = 0
-        status = self._integrator.advance(
+        self.integrator.workspace.statistics[:] = 0
+        status = self.integrator.advance(
             actuator, vector, Status(FINISHED, state.time),
             state.time + steps * solver.step)
         if status.outcome != FINISHED:
@@ -232,8 +232,8 @@ class Model:
         return contact.contact_table(len(self.profile))
 
     @cached_property
-    def _integrator(self) -> Integrator:
-        # A control period is shorter than most flights.
+    def integrator(self) -> Integrator:
+        """Return the integrator for short periods with one command each; it steps all flights."""
         return Integrator(
             self.parameters, self.profile, replace(self.solver_in_use, models='full'))
 

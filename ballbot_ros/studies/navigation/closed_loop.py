@@ -76,7 +76,7 @@ class FloorLoop:
     def step(self) -> None:
         """Sense, command and advance by one tick."""
         percept, observations = self.percept, []
-        observes = self.ticks % OBSERVATION_INTERVAL == 0 and self.command is not REST
+        observes = self.ticks % OBSERVATION_INTERVAL == 0 and self.command != REST
         if observes or self.command.crosses:
             observation = self._terrain()
             if observation is not None:
