@@ -22,7 +22,18 @@ def route_figure(floor: Floor, route: Route, radius: float) -> Figure:
     """Return a plan of a floor with a route, and the ball of a radius [m] along it."""
     title = f'{floor.name}: {route.time:.0f} s, probability {route.probability:.2f}'
     with _plan_of(floor, title) as (figure, axes):
-        _draw_route(axes, route, radius)
+        for segment in route.segments:
+            points = np.array(segment.points)
+            if segment.feature is None:
+                axes.plot(*points.T, color=BLUE, linewidth=1.6)
+            else:
+                axes.annotate('', points[-1], points[0], arrowprops={
+                    'arrowstyle': '-|>', 'color': GREEN, 'linewidth': 2.2, 'shrinkA': 0,
+                    'shrinkB': 0})
+                axes.add_patch(
+                    Circle(tuple(points[0]), radius, facecolor='none', edgecolor=GREEN))
+        for point in (*route.points[:1], *route.points[-1:]):
+            _draw_ball(axes, point, radius)
     return figure
 
 
@@ -75,19 +86,6 @@ def _draw_feature(axes: Any, feature: Any) -> None:
     axes.annotate(text, middle, xytext=(0, 5), textcoords='offset points', ha='center',
                   va='bottom', fontsize=6.5, color=INK,
                   bbox={'facecolor': 'white', 'alpha': 0.7, 'edgecolor': 'none', 'pad': 0.6})
-
-
-def _draw_route(axes: Any, route: Route, radius: float) -> None:
-    for segment in route.segments:
-        points = np.array(segment.points)
-        if segment.feature is None:
-            axes.plot(*points.T, color=BLUE, linewidth=1.6)
-        else:
-            axes.annotate('', points[-1], points[0], arrowprops={
-                'arrowstyle': '-|>', 'color': GREEN, 'linewidth': 2.2, 'shrinkA': 0, 'shrinkB': 0})
-            axes.add_patch(Circle(tuple(points[0]), radius, facecolor='none', edgecolor=GREEN))
-    for point in (route.points[:1] + route.points[-1:]):
-        _draw_ball(axes, point, radius)
 
 
 def _draw_ball(axes: Any, place: Point, radius: float) -> None:

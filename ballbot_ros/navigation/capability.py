@@ -24,7 +24,7 @@ from ballbot_ros.decision.planning.ahead import GROUND_EXTENSION, look_ahead
 from ballbot_ros.decision.planning.rollout.planner import exceeds
 from ballbot_ros.decision.planning.rollout.rollout import OVER, REST, STUCK, VERDICT
 from ballbot_ros.decision.planning.rollout.search import (
-    candidates, CONFIRMATION_ROLLOUTS, OVERRUN_FRACTION_MAX, plan_row, search, Task, Trial)
+    candidates, CONFIRMATION_ROLLOUTS, OVERRUN_FRACTION_MAX, search, Task, Trial)
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 
 # Candidate run-ups from rest to the touch, and largest room used behind the last edge [m].
@@ -187,17 +187,17 @@ class Capability:
         time = 2.0 * run_up / speed + (last + radius) / speed \
             + speed / tuning.deceleration
         draws = worlds.sample(CONFIRMATION_ROLLOUTS)
-        results = worlds.attempt(start, [plan_row(chosen.candidate, ahead)], draws, ahead)[0]
+        results = task.attempt([chosen.candidate], draws)[0]
         beyond = float(np.quantile(np.nan_to_num(results[:, REST], nan=-math.inf),
                                    1.0 - OVERRUN_FRACTION_MAX, method='higher'))
         # The same plan would fail again; the decision selects one that exceeds it.
         stuck = results[:, VERDICT] == STUCK
-        further = [plan_row(plan, ahead) for plan in plans
+        further = [plan for plan in plans
                    if exceeds(plan, chosen.candidate.speed, chosen.candidate.angle)]
         again = 0.0
         if stuck.any() and further:
-            tallies = [Tally.of(item, ahead.room_to) for item in worlds.attempt(
-                start, further, draws[stuck], ahead)]
+            tallies = [Tally.of(item, ahead.room_to)
+                       for item in task.attempt(further, draws[stuck])]
             again = max((item.probability for item in tallies if not item.harm), default=0.0) \
                 * float(stuck.sum() / (results[:, VERDICT] != OVER).sum())
         # At most the room of the search, which allows the same fraction of overruns.
