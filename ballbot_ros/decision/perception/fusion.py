@@ -234,8 +234,6 @@ class GroundFusion:
     def _position_at(self, stamp: float) -> float:
         """Return the position interpolated at a time, or that at the nearest stamp [m]."""
         stamps, positions = self._stamps, self._positions
-        if not stamps:
-            return math.nan
         after = bisect_left(stamps, stamp)
         if after == 0:
             return positions[0]

@@ -89,7 +89,7 @@ class Nodes(NamedTuple):
     jumps: List[int]
 
 
-def pieces_of(nodes: Nodes, shared: float, edges: Sequence[Piece] = ()) -> List[Piece]:
+def pieces_of(nodes: Nodes, shared: float, edges: Sequence[Piece]) -> List[Piece]:
     """Return the ground as gentle and steep pieces, from left to right; `edges` are steep."""
     own = nodes.variance / shared
     usual = middle(own)
