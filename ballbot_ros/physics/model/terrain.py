@@ -99,6 +99,16 @@ class Terrain:
         """Copy and unpickle by construction: the arrays stay read-only."""
         return type(self), (self.vertices, self.surface_friction, self.edge_friction)
 
+    def __eq__(self, other: object) -> bool:
+        """Return whether vertices and coefficients are equal, NaN included."""
+        if not isinstance(other, Terrain):
+            return NotImplemented
+        return all(np.array_equal(own, given, equal_nan=True) for own, given in zip(
+            self.__reduce__()[1], other.__reduce__()[1]))
+
+    def __hash__(self) -> int:
+        return hash(tuple(self.vertices.ravel().tolist()))
+
     @classmethod
     def flat(cls) -> 'Terrain':
         """Return a level floor at y = 0."""

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Interactive use: accepted arguments, representations, and refused mistakes."""
+import copy
 import math
 from pathlib import Path
+import pickle
 import sys
 
 import pytest
@@ -35,6 +37,15 @@ def test_names_paths_and_loaded_objects_are_accepted():
     for wrong in (5, None):
         with refused('wrong_type', 'robot'):
             load_robot(wrong)
+
+
+def test_equal_scenes_and_terrains_compare_equal():
+    scene = load_scene(SCENE)
+    for other in (load_scene('fig7_top'), copy.deepcopy(scene), pickle.loads(pickle.dumps(scene))):
+        assert other == scene and hash(other) == hash(scene)
+    plain, rough = Terrain.step(0.01), Terrain.step(0.01, at=0.5)
+    icy = Terrain(plain.vertices, edge_friction=[0.0, 0.0, 0.0, 0.0])
+    assert plain != rough and plain != icy and plain != 'step'
 
 
 def test_max_step_height_accepts_the_name_of_a_robot():
