@@ -178,12 +178,23 @@ def _read(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
             f'{path}: a trajectory is kept in a file ending in .csv, .npz or .parquet, '
             f'got {path.suffix!r}', 'not_a_choice', 'path')
     try:
-        return READERS[ending](path)
+        columns, units = READERS[ending](path)
+        samples = next(iter(columns.values()), np.empty(0)).size
+        for name, values in columns.items():
+            if values.shape != (samples,):
+                raise ConfigurationError(
+                    f'column {name!r} has the shape {values.shape}; each must have one number '
+                    f'for each of {samples} samples', 'unreadable', name)
+        return columns, units
     except OSError as error:
         raise ConfigurationError(
             f'{path}: cannot be read: {error.strerror or error}', 'unreadable', 'path') from error
     except ConfigurationError as error:
         raise error.at(str(path)) from error
+    except UnicodeDecodeError as error:
+        raise ConfigurationError(
+            f'{path}: is not UTF-8 text; export it in this encoding', 'unreadable',
+            'path') from error
     except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise ConfigurationError(
             f'{path}: is not a trajectory: {error}', 'unreadable', 'path') from error
@@ -203,6 +214,10 @@ def _read_csv(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
                     'line 1: ' + (f'{used} separate the columns; export the file with commas '
                                   'between the columns and decimal points' if used else
                                   f'column {title!r} has no name with a unit, such as "x [m]"'),
+                    'unreadable', title)
+            if match['name'] in units:
+                raise ConfigurationError(
+                    f'line 1: two columns have the name {match["name"]!r}; rename one',
                     'unreadable', title)
             units[match['name']] = match['unit']
         if not units:
@@ -233,9 +248,10 @@ def _numbers(row: list[str], titles: list[str], line: int) -> list[float]:
 
 
 def _read_npz(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
-    with np.load(path, allow_pickle=False) as archive:
+    # np.load alone also accepts the file of a single array, without its units.
+    with zipfile.ZipFile(path), np.load(path, allow_pickle=False) as archive:
         units = {str(name): str(unit) for name, unit in archive['units']}
-        return {name: archive[name] for name in units}, units
+        return {name: np.asarray(archive[name], dtype=float) for name in units}, units
 
 
 def _read_parquet(path: Path) -> tuple[dict[str, Array], dict[str, str]]:

@@ -98,9 +98,32 @@ def test_a_missing_file_is_named():
     ('time [s],x [m]\n0,1\n"0,1",2\n', 'time [s]', ('line 3', 'decimal point')),
     ('time [s],x [m]\n0,1,0,5\n', 'line 2', ('line 2', '4 values', 'decimal commas')),
     ('time [s],x [m]\n0\n', 'line 2', ('line 2', '1 values')),
+    ('time [s],x [m],x [mm],y [m]\n0,1,1000,2\n', 'x [mm]', ('line 1', "'x'")),
     ('time [s],x [m]\n', 'line 2', ('no rows',)), ('', 'line 1', ('line 1', 'no columns'))])
 def test_an_unreadable_csv_file_is_refused_with_line_and_column(tmp_path, text, field, words):
     (tmp_path / 'run.csv').write_text(text)
     with refused('unreadable', field) as error:
         read_columns(tmp_path / 'run.csv')
     assert all(word in str(error.value) for word in ('run.csv', *words))
+
+
+def test_a_csv_file_in_another_encoding_is_refused(tmp_path):
+    (tmp_path / 'run.csv').write_text('time [s],angle [°]\n0,1\n', encoding='latin-1')
+    with refused('unreadable', 'path') as error:
+        read_columns(tmp_path / 'run.csv')
+    assert 'UTF-8' in str(error.value)
+
+
+@pytest.mark.parametrize('x', [
+    np.zeros(2), np.zeros((3, 2)), np.array(['a', 'b', 'c']), np.array([None, 1.0, 2.0])])
+def test_an_archive_with_a_column_that_is_not_a_number_for_each_sample_is_refused(tmp_path, x):
+    np.savez(tmp_path / 'run.npz', time=np.arange(3.0), x=x, units=[['time', 's'], ['x', 'm']])
+    with refused('unreadable'):
+        read_columns(tmp_path / 'run.npz')
+
+
+def test_an_array_that_is_named_as_an_archive_is_refused(tmp_path):
+    np.save(tmp_path / 'run.npy', np.zeros(3))
+    (tmp_path / 'run.npy').rename(tmp_path / 'run.npz')
+    with refused('unreadable'):
+        read_columns(tmp_path / 'run.npz')
