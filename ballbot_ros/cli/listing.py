@@ -76,7 +76,7 @@ def robots(arguments: argparse.Namespace) -> int:
 
 
 def print_table(robot: Any) -> None:
-    """Print every parameter of a robot with unit, source, range and note."""
+    """Print every parameter of a robot with unit, source, range and note, and its contact law."""
     from ballbot_ros.table import table
     rows = [['quantity', 'value', 'unit', 'source', 'range', 'note']]
     for *cells, note in _rows(robot):
@@ -84,6 +84,7 @@ def print_table(robot: Any) -> None:
             rows.append([*cells, line])
             cells = [''] * 5
     print(table(rows))
+    print(f'\ncontact law: {robot.contact_law}')
 
 
 def _rows(robot: Any) -> Iterator[tuple[str, str, str, str, str, str]]:

@@ -142,6 +142,7 @@ def test_robot_table_gives_unit_source_range_and_note(capsys):
     assert line.split()[1:7] == ['3.8', 'kg', 'derived', '3.3', 'to', '4.15']
     assert 'published, its split' in line
     assert 'motor.gear_ratio' in out and 'restitution' in out
+    assert 'contact law: kelvin_voigt' in out
     assert all(len(line) < 130 for line in out.splitlines())
 
 
@@ -151,6 +152,7 @@ def test_a_robot_whose_restitution_depends_on_the_speed_has_none_in_its_table(ca
     path.write_text(gimball.read_text() + 'contact_law: hunt_crossley\n')
     _, out, _ = called(capsys, 'robots', str(path))
     assert 'slope_limit' in out and 'restitution' not in out and 'damping_ratio' not in out
+    assert 'contact law: hunt_crossley' in out
 
 
 def test_demo_passes_its_options_on(replace_demo, tmp_path):
