@@ -8,6 +8,7 @@ given verb is imported, and it imports heavy modules inside ``run``, so that hel
 appear immediately.
 """
 from contextlib import contextmanager, nullcontext
+import errno
 from importlib import import_module
 import logging
 import os
@@ -112,15 +113,17 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     a closed output pipe.
     """
     words = list(sys.argv[1:] if argv is None else argv)
+    for name in ('stdout', 'stderr'):
+        if getattr(sys, name) is None:  # closed before the start
+            setattr(sys, name, open(os.devnull, 'w'))
     with _interruption() as received:
         try:
             try:
                 code = _run(words)
             finally:
                 sys.stdout.flush()
-        except BrokenPipeError:
-            # The reader has closed the pipe; buffered text must not fail again at exit.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        except BrokenPipeError:  # the reader has closed the pipe
+            _discard_output()
             return PIPE_CLOSED
         except BallbotError as error:
             print_refusal(error)
@@ -131,9 +134,12 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
         except (KeyboardInterrupt, Exception) as error:
             # An extension that compiles or calls back may raise another error instead.
             if isinstance(error, Exception) and not received:
-                if not isinstance(error, OSError) or error.filename is None:
+                if not isinstance(error, OSError) or (
+                        error.filename is None and error.errno != errno.ENOSPC):
                     raise
-                print_error(f'{error.filename}: {error.strerror}')
+                if error.filename is None:  # standard output, unlike a file, has no name
+                    _discard_output()
+                print_error(': '.join(filter(None, (error.filename, error.strerror))))
                 return FAILED
             if UNTIL_CTRL_C.intersection(words[:1]) and received[-1:] in ([], [signal.SIGINT]):
                 return DONE
@@ -141,6 +147,11 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
             print_error('; '.join(('interrupted', *known)))
             code = INTERRUPTED
         return 128 + received[-1] if code == INTERRUPTED and received else code
+
+
+def _discard_output() -> None:
+    """Discard buffered text, which cannot be written, so that it does not fail again at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @contextmanager

@@ -227,3 +227,19 @@ def test_a_closed_pipe_is_not_an_error():
     reader.stdout.close()
     assert reader.stderr.read() == ''
     assert reader.wait(timeout=60) == 141
+
+
+def test_full_storage_for_the_output_is_an_error_of_one_line():
+    with open('/dev/full', 'w') as full:
+        ended = subprocess.run([*COMMAND, 'scenes'], stdout=full, stderr=subprocess.PIPE,
+                               text=True, timeout=60)
+    assert ended.stderr == 'ballbot: error: No space left on device\n'
+    assert ended.returncode == 1
+
+
+@pytest.mark.parametrize('closed', ['>&-', '2>&-', '<&-', '<&- >&- 2>&-'])
+def test_a_closed_stream_does_not_change_the_exit_code(closed):
+    words = [*COMMAND, 'scenes']
+    ended = subprocess.run(['sh', '-c', f'"$@" {closed}', 'sh', *words],
+                           capture_output=True, text=True, timeout=60)
+    assert (ended.stderr, ended.returncode) == ('', 0)
