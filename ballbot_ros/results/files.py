@@ -72,7 +72,7 @@ def check_writable(path: PathLike) -> None:
         if not problem:
             TemporaryFile(dir=folder).close()  # permissions miss /proc and full disks
     except OSError as error:
-        problem = f'{error.filename or folder}: {error.strerror}'
+        problem = str(error.strerror)
     if problem:
         raise ConfigurationError(
             f'{path}: cannot be written: {problem}; use another path', 'not_writable', str(path))

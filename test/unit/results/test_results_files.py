@@ -127,3 +127,9 @@ def test_an_array_that_is_named_as_an_archive_is_refused(tmp_path):
     (tmp_path / 'run.npy').rename(tmp_path / 'run.npz')
     with refused('unreadable'):
         read_columns(tmp_path / 'run.npz')
+
+
+def test_a_place_that_cannot_be_written_is_named_without_a_temporary_file():
+    with refused('not_writable', '/proc/none/run.csv') as error:
+        files.check_writable('/proc/none/run.csv')
+    assert '/proc/tmp' not in str(error.value)
