@@ -157,9 +157,16 @@ class Model:
 
         Raises
         ------
+        ConfigurationError
+            If a value of the state is not finite.
         SimulationError
+            If the centre is under the ground.
 
         """
+        for name, value in state._asdict().items():
+            if not math.isfinite(value):
+                raise ConfigurationError(
+                    f'State: {name} must be finite, got {value!r}', 'not_finite', name)
         below = contact.ground_height(self.profile, state.x)
         radius, weight = self.robot.ball_radius, self.robot.weight
         if state.y <= below:

@@ -211,6 +211,13 @@ def test_only_a_start_inside_a_wall_warns(x, height, inside):
     assert all(f'{1e3 * (x - 1.0 + GIMBALL.ball_radius):.3g} mm' in text for text in found)
 
 
+@pytest.mark.parametrize('name', ['time', 'y', 'ball_rate', 'motor_work'])
+@pytest.mark.parametrize('value', [math.nan, math.inf])
+def test_a_start_that_is_not_finite_is_refused_by_name(name, value):
+    with refused('not_finite', name):
+        MODEL.check_start(MODEL.at_rest(0.0)._replace(**{name: value}))
+
+
 def test_neither_shipped_scenes_nor_a_start_during_an_impact_warn():
     fall = simulate(MODEL, State(x=0.3, y=0.5, velocity_y=-2.0), Actuation(), 0.5)
     deepest = fall.state(int(np.argmax(fall['penetration'])))
