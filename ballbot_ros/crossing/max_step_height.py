@@ -19,6 +19,7 @@ import os
 from threading import local
 from typing import (
     Any, Callable, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple, TypeVar, Union)
+import warnings
 
 import numpy as np
 
@@ -26,13 +27,13 @@ from ballbot_ros.config.fields import changed, check_value, count, quantity
 from ballbot_ros.crossing.attempt import (
     attempt, Course, Crossing, find, FINEST, TOO_FAST, VERTICES)
 from ballbot_ros.crossing.rules import check_gravity, HEIGHT, Rules, Site, SPEED, table
-from ballbot_ros.errors import ConfigurationError
+from ballbot_ros.errors import ConfigurationError, PlausibilityWarning
 from ballbot_ros.jit import direct, row_reader, unlocked
 from ballbot_ros.physics.mechanics.contact import IntArray
 from ballbot_ros.physics.mechanics.equations import read_actuator, read_parameters, System
 from ballbot_ros.physics.model.actuation import Actuation, refuse_degrees, set_rate_for_speed
 from ballbot_ros.physics.model.robot import (
-    ContactOptions, load_robot, Parameters, Robot, RobotLike)
+    ContactOptions, edge_warnings, load_robot, Parameters, Robot, RobotLike)
 from ballbot_ros.physics.model.state import BALL_RATE, SIZE
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.solver import failure, Solver
@@ -199,6 +200,11 @@ def max_step_height(robot: RobotLike, speed: float, actuation: Actuation = Actua
     MaxStepHeight
         Its ``error`` exceeds the accuracy where the finest tolerances do not agree.
 
+    Warns
+    -----
+    PlausibilityWarning
+        If the impact on the edge is too fast for the stiffness of the shell.
+
     Raises
     ------
     ConfigurationError
@@ -217,6 +223,8 @@ def max_step_height(robot: RobotLike, speed: float, actuation: Actuation = Actua
             f'no step up to {high:g} m stops {robot.name!r} at {speed:g} m/s: this speed is '
             'outside the range of the search', 'out_of_range', 'speed')
     _check(outcome, fine)
+    for sentence in edge_warnings(robot, speed, low):
+        warnings.warn(sentence, PlausibilityWarning, stacklevel=2)
     monotone = None
     if scan > 0:
         parts = (np.arange(scan) + 0.5) / scan

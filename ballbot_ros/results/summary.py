@@ -8,7 +8,7 @@ from typing import Any, Iterator, Optional
 import numpy as np
 
 from ballbot_ros.physics.model.robot import (
-    angle_warnings, height_warnings, implausible, speed_warnings)
+    angle_warnings, height_warnings, implausible, PENETRATION_MAX, speed_warnings)
 from ballbot_ros.physics.model.terrain import Array
 from ballbot_ros.physics.simulation.scene import Scene
 from ballbot_ros.physics.simulation.trajectory import Trajectory
@@ -168,9 +168,6 @@ TOP_DEG = 180.0  # pendulum angle above the centre of the ball
 
 # Fraction of the time in contact with full sliding above which the ball never rolled.
 SLIDING_MAX = 0.9
-
-# Penetration, relative to the radius, above which a shell is not a stiff spring.
-PENETRATION_MAX = 0.1
 
 
 def find_warnings(trajectory: Trajectory, expected: int, residual: Optional[float], depth: float,

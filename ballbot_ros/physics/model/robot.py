@@ -42,6 +42,8 @@ CONTACT_LAWS = ('kelvin_voigt', 'hunt_crossley')
 LEAD, AIR = 11340.0, 1.2  # plausible range of the density of a robot [kg/m3]
 DENSITIES = (20.0, 5000.0)  # of robots: a unit that gives such a density was probably meant
 DEEPEST = 0.25  # largest plausible static penetration [radii]
+# Penetration above which a shell is not a stiff spring [radii].
+PENETRATION_MAX = 0.1
 SPEED_MAX = 20.0  # plausible for a robot [m/s]
 HORIZONTAL = 90.0  # pendulum angle [deg]
 GRAVITY_MAX = 30.0  # more than on any planet with a surface [m/s2]
@@ -146,6 +148,30 @@ def height_warnings(robot: Any, height: float, where: str) -> Iterator[str]:
         yield (f'the step of {height:g} m {where} is higher than the ball ({diameter:g} m), which '
                'cannot get over it' + (
                    f': {height:g} mm are {1e-3 * height:g}' if height >= 1.0 else ''))
+
+
+def edge_warnings(robot: Any, speed: float, height: float) -> Iterator[str]:
+    """
+    Yield a warning about an impact on the edge of a step that is too fast for the contact law.
+
+    Parameters
+    ----------
+    robot : Robot
+    speed : float
+        Of the centre at the contact, horizontal [m/s].
+    height : float
+        Of the edge [m].
+
+    """
+    depth = PENETRATION_MAX * robot.ball_radius
+    # The kinetic energy of the normal velocity compresses the spring: M v^2 / 2 = k p^2 / 2.
+    fastest = depth * math.sqrt(robot.contact_stiffness / robot.total_mass)
+    above = max(robot.ball_radius - height, 0.0) / robot.ball_radius  # centre above the edge
+    if speed * math.sqrt(1.0 - above * above) > fastest:
+        yield (f'robot {robot.name!r} hits the edge at more than {fastest:.3g} m/s along the '
+               f'normal, at which it sinks up to {1e3 * depth:.3g} mm into it, '
+               f'{PENETRATION_MAX:.0%} of its radius: contact_stiffness is too low for this '
+               'impact, and the height is not reliable')
 
 
 def angle_warnings(degrees: float) -> Iterator[str]:

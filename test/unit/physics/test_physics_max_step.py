@@ -3,6 +3,7 @@
 from dataclasses import replace
 import math
 import threading
+import warnings
 
 from crossing_cases import crossing_of, ground_of
 import numpy as np
@@ -16,7 +17,7 @@ from ballbot_ros.crossing import (
 from ballbot_ros.crossing.attempt import attempt, Course, peak, place
 from ballbot_ros.errors import SimulationError
 from ballbot_ros.physics import (
-    Actuation, ContactOptions, load_robot, Model, simulate, Solver, State)
+    Actuation, ContactOptions, load_robot, Model, simulate, Solver, State, Terrain)
 from ballbot_ros.physics.model.robot import Parameters
 from ballbot_ros.physics.model.state import SIZE
 
@@ -222,3 +223,14 @@ def test_a_failed_attempt_reports_time_and_reason():
 def test_impossible_sites_are_refused_by_name(reason, field, value):
     with refused(reason, field):
         Site(**{field: value})
+
+
+@pytest.mark.parametrize('speed, warned', [(1.2, False), (4.0, True)])
+def test_an_impact_too_fast_for_the_shell_warns_as_its_simulation_does(speed, warned):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter('always')
+        height = max_step_height(GIMBALL, speed).height
+    assert any('contact_stiffness' in str(item.message) for item in caught) == warned
+    model = Model(GIMBALL, Terrain.step(height, at=1.0))
+    run = simulate(model, model.at_rest(0.6, speed), Actuation(), 0.4)
+    assert any('contact_stiffness' in words for words in run.summary().warnings) == warned
