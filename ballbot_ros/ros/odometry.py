@@ -78,23 +78,30 @@ class OdometryTopics:
     def publish(self, make: Callable[[], Odometry], ball_angle: float, joint_angle: float,
                 lateral: LateralState = LateralState()) -> None:
         """
-        Publish the odometry of the centre of the ball that `make` returns, if it has subscribers.
+        Publish the odometry of the centre of the ball that `make` returns, and its transforms.
+
+        Each topic needs a subscriber.
 
         The angles are those of the joints ``shell`` and ``pendulum`` [rad].
         """
-        if not any(publisher is not None and has_subscribers(publisher)
-                   for publisher in (self._odometry, self._transforms)):
+        odometry, transforms = (
+            publisher if publisher is not None and has_subscribers(publisher) else None
+            for publisher in (self._odometry, self._transforms))
+        if odometry is None and transforms is None:
             return
         message = make()
-        transforms = self._turned(message.header, ball_angle, joint_angle, lateral)
+        if odometry is not None:
+            odometry.publish(message)
+        if transforms is None:
+            return
+        moved = self._turned(message.header, ball_angle, joint_angle, lateral)
         if self._odometry is not None:
             at = message.pose.pose.position
-            transforms.insert(0, _transform(
+            moved.insert(0, _transform(
                 message.header, self.frames.odom, message.child_frame_id, (at.x, at.y, at.z),
                 message.pose.pose.orientation))
-            self._odometry.publish(message)
-        if self._transforms is not None and transforms:
-            self._transforms.publish(TFMessage(transforms=transforms))
+        if moved:
+            transforms.publish(TFMessage(transforms=moved))
 
     def _turned(self, header: Header, ball_angle: float, joint_angle: float,
                 lateral: LateralState) -> List[TransformStamped]:

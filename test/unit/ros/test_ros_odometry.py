@@ -120,3 +120,12 @@ def test_without_tf2_msgs_odometry_and_description_are_still_published(
     monkeypatch.setattr(odometry, 'TFMessage', None)
     publish(make_node, gimball)
     assert set(published) == {'odom', 'robot_description'}
+
+
+@pytest.mark.parametrize('subscribed', [set(), {'odom'}, {'/tf'}])
+def test_odometry_and_transforms_are_each_published_only_to_a_subscriber(
+        subscribed, make_node, gimball, published, monkeypatch):
+    monkeypatch.setattr(odometry, 'has_subscribers', lambda publisher:
+                        publisher.topic in subscribed)
+    publish(make_node, gimball)
+    assert published.keys() & {'odom', '/tf'} == subscribed
