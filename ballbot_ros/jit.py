@@ -62,20 +62,6 @@ FUSED = ('ballbot_ros.physics.', 'ballbot_ros.crossing.')
 # The folders that contain kernels.
 KERNELS = ('physics', 'crossing', 'control', 'estimation', 'decision')
 
-# Receives the name of a kernel, and whether its machine code was cached.
-OnFirstCall = Callable[[str, bool], None]
-_callbacks: List[OnFirstCall] = []
-
-
-def on_first_call(callback: OnFirstCall) -> None:
-    """
-    Register a function to call when a kernel is first called, or first with certain types.
-
-    It is called before the compilation, or after loading cached machine code.
-    """
-    _callbacks.append(callback)
-
-
 _notice = CompileNotice()
 
 
@@ -497,7 +483,7 @@ def _rebuild_linked(target: Any, reduced: Any) -> Any:
 
 def _reported(name: str, cache: Any) -> Callable[..., Any]:
     """
-    Return a function that loads cached machine code of a kernel and calls each `OnFirstCall`.
+    Return a function that loads cached machine code of a kernel and reports its first call.
 
     numba itself first initializes its compiler, which takes longer than loading and is needed only
     without cached machine code.
@@ -510,10 +496,7 @@ def _reported(name: str, cache: Any) -> Callable[..., Any]:
             found = load(signature, target)
         except Exception:  # noqa: BLE001 numba handles unreadable files
             found = prepare_and_load(signature, target)
-        for callback in _callbacks:
-            callback(name, found is not None)
-        if found is None:
-            _notice.begins(warns=not _callbacks)
+        _notice.first_call(name, found is not None)
         return found
     return load_and_report
 

@@ -16,9 +16,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from ballbot_ros.compile_notice import COMPILING_NOTICE
+from ballbot_ros.compile_notice import COMPILING_NOTICE, on_first_call
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.jit import on_first_call
 from ballbot_ros.ros import discovery
 from ballbot_ros.ros.endpoints import create_wall_timer
 from ballbot_ros.ros.logs import forward_logs

@@ -11,7 +11,7 @@ from ballbot_ros.jit import COMPILED
 # In a new process, because other tests have already compiled kernels in this one.
 PROGRAM = """
 from virtual_robot import VirtualRobot
-from ballbot_ros.jit import on_first_call
+from ballbot_ros.compile_notice import on_first_call
 from ballbot_ros.control import ControlTuning, Mode, PendulumController, SetPoint
 from ballbot_ros.physics import load_robot
 

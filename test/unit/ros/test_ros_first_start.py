@@ -13,7 +13,7 @@ pytestmark = pytest.mark.skipif(not compiled.COMPILED, reason='nothing is compil
 def kernel(monkeypatch, tmp_path):
     """Return a function that returns a kernel as in a new process."""
     monkeypatch.setattr(compiled, '_FOLDER', str(tmp_path))
-    monkeypatch.setattr(compiled, '_callbacks', [])
+    monkeypatch.setattr(compile_notice, '_callbacks', [])
 
     def add_one(number):
         return number + 1.0

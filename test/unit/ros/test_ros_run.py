@@ -87,6 +87,12 @@ def test_a_closed_terminal_ends_a_node_safely_unless_hangups_are_ignored(before,
     assert (done.returncode, done.stdout) == (0, printed)
 
 
+@pytest.mark.slow
+def test_a_node_without_kernels_starts_without_the_compiler(python):
+    done = python('-c', 'import sys, ballbot_ros.ros.run; print("numba" in sys.modules)')
+    assert done.stdout == 'False\n', done.stderr
+
+
 STUCK = """
 import ctypes, sys
 from ballbot_ros.errors import ConfigurationError
