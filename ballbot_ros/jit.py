@@ -95,7 +95,7 @@ def _kernel_sources(known: Path) -> List[str]:
     Return a digest of each file with kernels, and of each file that these import.
 
     The result for a file is cached in the file `known` until size or time of the former change:
-    parsing all files takes a second.
+    parsing all files takes a second.  All copies of the package on a machine share `known`.
     """
     here = Path(__file__).resolve().parent
     try:
@@ -109,11 +109,12 @@ def _kernel_sources(known: Path) -> List[str]:
         kept = before.get(str(path), {})
         files[str(path)] = kept if kept.get('stamp') == stamp else {
             'stamp': stamp, **_kernel_source(path)}
-    if files != before:
+    if {**before, **files} != before:
+        others = {name: before[name] for name in before if os.path.exists(name)}
         with suppress(OSError):
             known.parent.mkdir(parents=True, exist_ok=True)
             new = known.with_name(f'{known.name}.{os.getpid()}')
-            new.write_text(json.dumps(files), encoding='utf-8')
+            new.write_text(json.dumps({**others, **files}), encoding='utf-8')
             new.replace(known)
     wanted, found = [name for name in files if files[name]['kernels']], set()
     while wanted:

@@ -5,6 +5,7 @@ import errno
 import fcntl
 import json
 import os
+import shutil
 import subprocess
 import sys
 
@@ -149,3 +150,26 @@ def test_only_old_caches_of_machine_code_are_removed(tmp_path, monkeypatch):
     own = os.path.basename(jit._cache_folder())
     assert {path.name for path in base.iterdir() if path.is_dir()} == {
         'capability', own, *(16 * digit for digit in '456')}
+
+
+def test_each_copy_of_the_package_is_parsed_once_and_forgotten_after_its_removal(
+        tmp_path, monkeypatch):
+    parse, parsed, known = jit._kernel_source, [], tmp_path / 'sources.json'
+    monkeypatch.setattr(
+        jit, '_kernel_source', lambda path: (parsed.append(path), parse(path))[1])
+
+    def digests(copy):
+        monkeypatch.setattr(jit, '__file__', str(tmp_path / copy / 'jit.py'))
+        return jit._kernel_sources(known)
+    for copy in ('one', 'other'):
+        kernel = tmp_path / copy / 'control' / 'kernel.py'
+        kernel.parent.mkdir(parents=True)
+        kernel.write_text('from ballbot_ros.jit import compiled\n')
+        (tmp_path / copy / 'jit.py').touch()
+    assert digests('one') == digests('other') == digests('one') == digests('other') != []
+    assert len(parsed) == len(set(parsed)) == 4
+    shutil.rmtree(tmp_path / 'one')
+    kernel.write_text('from ballbot_ros.jit import outlined\n')
+    digests('other')
+    assert set(json.loads(known.read_text())) == {
+        str(kernel), str(tmp_path / 'other' / 'jit.py')}
