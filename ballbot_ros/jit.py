@@ -60,7 +60,8 @@ KEPT_CACHES = 4
 # products.  Not the filters: tests compare them with their matrices to the last digits.
 FUSED = ('ballbot_ros.physics.', 'ballbot_ros.crossing.')
 # The folders that contain kernels.
-KERNELS = ('physics', 'crossing', 'control', 'estimation', 'decision')
+KERNELS = ('physics', 'crossing', 'control', 'estimation', 'decision', 'navigation',
+           'studies/evaluation')
 
 _notice = CompileNotice()
 

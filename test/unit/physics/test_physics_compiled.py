@@ -5,6 +5,8 @@ import errno
 import fcntl
 import json
 import os
+from pathlib import Path
+import re
 import shutil
 import subprocess
 import sys
@@ -150,6 +152,14 @@ def test_only_old_caches_of_machine_code_are_removed(tmp_path, monkeypatch):
     own = os.path.basename(jit._cache_folder())
     assert {path.name for path in base.iterdir() if path.is_dir()} == {
         'capability', own, *(16 * digit for digit in '456')}
+
+
+def test_each_file_with_kernels_is_part_of_the_digest(tmp_path):
+    jit._kernel_sources(tmp_path / 'sources.json')
+    known = set(json.loads((tmp_path / 'sources.json').read_text()))
+    package = Path(jit.__file__).parent
+    assert {str(path) for path in package.rglob('*.py') if re.search(
+        r'^@(compiled|unlocked|outlined)$', path.read_text(encoding='utf-8'), re.M)} <= known
 
 
 def test_each_copy_of_the_package_is_parsed_once_and_forgotten_after_its_removal(
