@@ -233,10 +233,10 @@ class Floor:
         """Return the distance and the vector to the nearest wall, 0 inside a wall [m]."""
         if not len(self.walls):
             return math.inf, (math.inf, 0.0)
-        ways = self.walls[:, :2] - place
-        ways -= np.clip(ways, -self.walls[:, 2:], self.walls[:, 2:])
-        away = np.hypot(*ways.T)
-        nearest = int(np.argmin(away))
+        ways, halves = self.walls[:, :2] - place, self.walls[:, 2:]
+        ways -= np.minimum(np.maximum(ways, -halves), halves)  # np.clip takes longer for so few
+        away = np.hypot(ways[:, 0], ways[:, 1])
+        nearest = away.argmin()
         return float(away[nearest]), (float(ways[nearest, 0]), float(ways[nearest, 1]))
 
 

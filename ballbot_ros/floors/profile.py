@@ -21,6 +21,8 @@ UNKNOWN_DEPTH = 0.5
 LENGTH_TOLERANCE = 1e-9
 # Length over which the ground descends from a crest to its exact height, see `cut` [m].
 CREST_LENGTH = 0.1
+# Signs of the corners of a rectangle, (4, 1, 2): a factor of the halves of several.
+CORNERS = np.array([[(1, 1)], [(1, -1)], [(-1, 1)], [(-1, -1)]])
 # Highest crest [m]: a face parallel to the path acts on the ball like a wall.
 HIGHEST_CREST = 0.3
 
@@ -310,46 +312,40 @@ def _wall(floor: Floor, place: Point, along: Point, radius: float) -> float:
     """Return the distance to the face of the first wall for a ball on a line [m]."""
     centres, halves = floor.walls[:, :2] - place, floor.walls[:, 2:]
     # A wall that the ball touches does not stop it, unless the ball moves towards the wall.
-    nearest = centres - np.clip(centres, -halves, halves)
-    near = nearest[:, 0] * along[0] + nearest[:, 1] * along[1] > 0.0
-    return _entry(centres[near], halves[near], along, radius) + radius
-
-
-def _entry(centres: Array, halves: Array, along: Point, radius: float) -> float:
-    """Return the smallest distance at which a ball from the origin touches rectangles [m]."""
-    if not len(centres):
+    away = centres - np.clip(centres, -halves, halves)
+    near = away[:, 0] * along[0] + away[:, 1] * along[1] > 0.0
+    if not near.any():
         return math.inf
-    entries = [_touched(centres, halves + wider, along)
-               for wider in np.array([(radius, 0.0), (0.0, radius)])[:2 if radius else 1]]
+    centres, halves, away = centres[near], halves[near], away[near]
     if not radius:
-        return float(np.maximum(entries, 0.0).min())
-    for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-        corner = centres + halves * signs
-        ahead = corner[:, 0] * along[0] + corner[:, 1] * along[1]
-        across = corner[:, 0] * along[1] - corner[:, 1] * along[0]
-        chord = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
-        entries.append(np.where((np.abs(across) <= radius) & (ahead + chord >= 0.0),
-                                ahead - chord, np.inf))
+        return float(np.maximum(_touched(centres, halves, along), 0.0).min())
+    sides = _touched(centres, halves + np.array([[(radius, 0.0)], [(0.0, radius)]]), along)
+    corners = centres + halves * CORNERS
+    ahead = corners[..., 0] * along[0] + corners[..., 1] * along[1]
+    across = corners[..., 0] * along[1] - corners[..., 1] * along[0]
+    chord = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
+    rounded = np.where((np.abs(across) <= radius) & (ahead + chord >= 0.0), ahead - chord, np.inf)
     # If a ball rolls along a wall and turns towards it, the touch is far behind: its distance
     # is limited to the component of the penetration along the line.
-    away = centres - np.clip(centres, -halves, halves)
     nearest = np.maximum(np.hypot(*away.T), LENGTH_TOLERANCE)
     share = np.clip(away @ along / nearest, 0.0, 1.0)
-    return float(np.min(np.maximum(entries, -np.maximum(radius - nearest, 0.0) * share)))
+    entries = np.concatenate([sides, rounded])
+    return float(np.min(np.maximum(entries, -np.maximum(radius - nearest, 0.0) * share))) + radius
 
 
 def _touched(centres: Array, halves: Array, along: Tuple[Any, Any]) -> Array:
     """
     Return the distance at which a point from the origin touches each rectangle, inf for none [m].
 
-    It is negative for a rectangle around the origin.  Directions may be columns.
+    It is negative for a rectangle around the origin.  The last axis of centres and halves is x and
+    y; directions may be columns.
     """
     low, far = np.full(1, -np.inf), np.full(1, np.inf)
     for axis in (0, 1):
         parallel = np.abs(along[axis]) < LENGTH_TOLERANCE
         rate = np.where(parallel, 1.0, along[axis])
-        one, two = ((centres[:, axis] + side * halves[:, axis]) / rate for side in (-1.0, 1.0))
-        between = np.abs(centres[:, axis]) <= halves[:, axis]
+        one, two = ((centres[..., axis] + side * halves[..., axis]) / rate for side in (-1.0, 1.0))
+        between = np.abs(centres[..., axis]) <= halves[..., axis]
         low = np.maximum(low, np.where(parallel, -np.inf, np.minimum(one, two)))
         far = np.minimum(far, np.where(parallel, np.where(between, np.inf, -np.inf),
                                        np.maximum(one, two)))
