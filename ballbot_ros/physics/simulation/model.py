@@ -240,7 +240,7 @@ class Model:
 
     @cached_property
     def integrator(self) -> Integrator:
-        """Return the integrator for short periods with one command each; it steps all flights."""
+        """Return the integrator for control periods, which are shorter than most flights."""
         return Integrator(
             self.parameters, self.profile, replace(self.solver_in_use, models='full'))
 
