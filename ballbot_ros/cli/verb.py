@@ -7,7 +7,7 @@ import re
 import sys
 from typing import Any, Callable, NamedTuple, NoReturn, Optional, Sequence
 
-from ballbot_ros.config.fields import check_value
+from ballbot_ros.config.fields import check_value, comma_hint
 from ballbot_ros.errors import ConfigurationError
 
 # Exit codes: 128 + number of the signal as in a shell; 2 for misuse as in argparse.
@@ -35,9 +35,8 @@ def _number(word: str) -> float:
     try:
         return float(word)
     except ValueError:
-        point = re.fullmatch(r'-?[0-9]+,[0-9]+', word)
-        raise argparse.ArgumentTypeError(f'must be a number, got {word!r}' + (
-            f': a decimal comma; write {word.replace(",", ".")}' if point else '')) from None
+        raise argparse.ArgumentTypeError(
+            f'must be a number, got {word!r}{comma_hint(word)}') from None
 
 
 def _whole_number(word: str) -> int:

@@ -19,6 +19,7 @@ from dataclasses import dataclass, field, fields, MISSING, replace
 from difflib import get_close_matches
 import math
 from numbers import Real
+import re
 from textwrap import shorten
 from types import MappingProxyType
 from typing import Any, Iterable, Iterator, Mapping, Optional, Type, TypeVar
@@ -116,6 +117,13 @@ def allowed(metadata: Mapping[str, Any]) -> str:
     return (' and '.join(lows) or f'any finite number{unit and " in"}') + unit
 
 
+def comma_hint(value: object) -> str:
+    """Return how to write a number that has a decimal comma, or nothing for other text."""
+    word = str(value).strip()
+    return f': write a decimal point, {word.replace(",", ".")}' if re.fullmatch(
+        r'[-+]?\d+,\d+', word) else ''
+
+
 def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) -> Any:
     """
     Return `value` converted to the kind of its field.
@@ -147,7 +155,8 @@ def check_value(name: str, value: Any, metadata: Mapping[str, Any], where: str) 
         return value
     if isinstance(value, bool) or not isinstance(value, Real):
         raise ConfigurationError(
-            f'{place} must be a number ({allowed(metadata)}), got {value!r}', 'wrong_type', name)
+            f'{place} must be a number ({allowed(metadata)}), got {value!r}{comma_hint(value)}',
+            'wrong_type', name)
     if kind is int and not (isinstance(value, int) or float(value).is_integer()):
         raise ConfigurationError(
             f'{place} must be a whole number, got {value!r}', 'wrong_type', name)

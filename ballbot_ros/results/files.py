@@ -17,6 +17,7 @@ import zipfile
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.config.fields import comma_hint
 from ballbot_ros.config.optional import load_optional
 from ballbot_ros.errors import ConfigurationError
 from ballbot_ros.physics.model.terrain import Array
@@ -28,7 +29,6 @@ PathLike = Union[str, Path]
 # Rows converted to text at a time, which bounds the memory of a long run.
 _BLOCK = 20000
 
-_DECIMAL_COMMA = re.compile(r'^\s*[-+]?\d+,\d+\s*$')
 _HEADER = re.compile(r'^(?P<name>\w+) \[(?P<unit>[^\]]*)\]$')
 
 
@@ -240,10 +240,9 @@ def _numbers(row: list[str], titles: list[str], line: int) -> list[float]:
         try:
             numbers.append(float(word))
         except ValueError:
-            hint = '; write a decimal point' if _DECIMAL_COMMA.match(word) else ''
             raise ConfigurationError(
-                f'line {line}, column "{title}": {word!r} is not a number{hint}', 'unreadable',
-                title) from None
+                f'line {line}, column "{title}": {word!r} is not a number{comma_hint(word)}',
+                'unreadable', title) from None
     return numbers
 
 

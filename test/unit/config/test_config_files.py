@@ -49,6 +49,13 @@ def test_every_refusal_names_the_file_and_the_field(tmp_path, content, reason, f
     assert str(refusal.value).startswith(str(path))
 
 
+def test_a_decimal_comma_gets_the_corrected_number(tmp_path):
+    (tmp_path / 'mine.yaml').write_text('low: -0,25')
+    with refused('wrong_type', 'low') as refusal:
+        load_config(Range, 'ranges', str(tmp_path / 'mine.yaml'))
+    assert 'write a decimal point, -0.25' in str(refusal.value)
+
+
 @pytest.mark.parametrize('kind', SIGNATURES)
 def test_the_article_fits_every_kind_of_file(kind, tmp_path):
     path = tmp_path / 'mine.yaml'
