@@ -298,6 +298,20 @@ def test_past_the_last_braking_point_the_better_of_braking_and_crossing_is_selec
         assert answer.outlook.braking_room < 0.0 and answer.kind is kind
 
 
+def test_a_plan_that_no_longer_crosses_the_step_ends_at_the_last_braking_point():
+    planner, decision = new_planner(), None
+    needed = StopLines(KNOWLEDGE).braking.distance(0.5, 0.0, emergency=True)
+    approach = -0.1 - needed - RADIUS
+    for height, position, answers, kind, reason in (
+            (0.012, approach, 60, Kind.CROSS, Reason.LIKELY),
+            (0.029, approach, 5, Kind.CROSS, Reason.EVALUATING),
+            (0.029, approach + 0.2, 1, Kind.STOP, Reason.EVALUATING)):
+        for _ in range(answers):
+            decision = planner(Situation(Motion(0.0, position, 0.5), seen(step(height))), decision)
+        assert (decision.kind, decision.reason) == (kind, reason)
+    assert decision.outlook.braking_room < 0.0
+
+
 def test_a_face_that_appears_past_the_last_braking_point_does_not_end_a_crossing():
     planner, decision, near = new_planner(), None, step(0.009, position=-0.1, number=2)
     for number in range(60):

@@ -6,9 +6,10 @@ The planner ``rollout``: plans simulated with the physics in sampled worlds.
 changes.  The first observation of a face starts a search with hundreds of rollouts, spread over
 several decisions so that each one takes a bounded time.  Later decisions keep the plan and
 re-evaluate it periodically with a few rollouts.  A new search starts only after a relevant change
-of the estimated height, or when the success probability has dropped; the plan stays until that
-search ends, and beyond the last braking point no search replaces it.  All budgets count rollouts,
-not time, so that a run is reproducible bit by bit.
+of the estimated height, or when the success probability has dropped.  It evaluates the plan first;
+one that is no longer sufficient stays until the search ends, but not beyond the last braking
+point.  There, no search replaces a sufficient plan.  All budgets count rollouts, not time, so that
+a run is reproducible bit by bit.
 """
 from dataclasses import replace
 import math
@@ -52,7 +53,8 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
 
     The ground behind the ball is free over `room_behind` [m].  The present plan, `kept`, remains
     while it is sufficient; without a better plan from here, its probability may be below the
-    required one by `hysteresis`.
+    required one by `hysteresis`.  Below that, its choice has the reason EVALUATING during the
+    search.
     """
     position, speed = task.start[:2]
     present = Trial(kept) if kept is not None and _promising([kept], failures) else None
@@ -60,11 +62,13 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
         yield from confirm(present, task, KEPT_PLAN_ROLLOUTS)
         if good(present.many, task.required):
             return _found(present.candidate, Reason.LIKELY, present.many)
+        if not good(present.many, task.required - hysteresis, HARM_SIGMAS):
+            yield _found(present.candidate, Reason.EVALUATING, present.many)
+            present = None
     trials: List[Trial] = []
     here = candidates(task.ahead, position, speed, tuning)
     chosen = yield from search(_promising(here, failures), task, trials)
-    if chosen is None and present is not None and good(
-            present.many, task.required - hysteresis, HARM_SIGMAS):
+    if chosen is None:
         chosen = present
     if chosen is None and room_behind > 0.1 and not task.too_late:
         back = from_farther_back(task.ahead, position, room_behind, tuning)
@@ -184,8 +188,11 @@ class PlanSelector(Selector):
             (motion.position, motion.speed, motion.pendulum_angle, motion.pendulum_rate),
             ahead, self.worlds, self._tuning.required_probability, self._tuning.highest_speed,
             braking_room < 0.0)
-        if kept is not None and braking_room < 0.0:
-            self._deliberation = None
+        if self.choice is not None and kept is not None and braking_room < 0.0:
+            if self.choice.reason is Reason.EVALUATING:
+                self.choice = None
+            else:
+                self._deliberation = None
         if (self._deliberation is None or self._is_selected) \
                 and self._must_select(now, braking_room):
             self._task, self.basis, self._is_selected = task, now, False
@@ -204,7 +211,7 @@ class PlanSelector(Selector):
                 found = next(self._deliberation)
                 if found is not None:
                     self._take(found)
-                    self._is_selected = True
+                    self._is_selected = found.choice.reason is not Reason.EVALUATING
         except StopIteration as end:
             self._take(end.value)
             self._deliberation = None
