@@ -92,8 +92,7 @@ class Memory:
 
         An undetected step, or a slope that is too steep, sets `obstruction` for the next decision.
         """
-        if decision.kind not in (Kind.CLEAR, Kind.CROSS) \
-                or not decision.set_speed >= COMMANDED_SPEED_MIN \
+        if decision.kind is Kind.BACK_OFF or not decision.set_speed >= COMMANDED_SPEED_MIN \
                 or decision.contact_since is not None or not motion.is_plausible:
             self._rest()
             return

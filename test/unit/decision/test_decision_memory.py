@@ -109,10 +109,22 @@ def test_a_lack_of_progress_is_detected(speed, seconds, reason):
     assert (None if memory.obstruction is None else memory.obstruction.reason) is reason
 
 
+@pytest.mark.parametrize('kind', [Kind.STOP, Kind.GO_ROUND])
+def test_an_obstruction_before_the_stop_position_ends_the_approach_to_it(kind):
+    memory, decision = Memory(TUNING, RADIUS), replace(DRIVING, kind=kind, set_speed=0.15)
+    for index in range(130):
+        memory.watch(Motion(0.02 * index, 0.5, 0.0), decision)
+    assert memory.obstruction.reason is Reason.STUCK
+    answer = StopLines(KNOWN).filtered(decision, Situation(
+        Motion(2.6, 0.5, 0.0), Profile(2.6), free_from=0.48, obstruction=memory.obstruction))
+    assert (answer.kind, answer.reason, answer.set_speed) == (
+        Kind.GO_ROUND, Reason.STUCK, 0.0)
+
+
 @pytest.mark.parametrize('decision', [
-    replace(DRIVING, kind=Kind.STOP), replace(DRIVING, kind=Kind.GO_ROUND),
+    replace(DRIVING, kind=Kind.STOP, set_speed=0.0), replace(DRIVING, kind=Kind.BACK_OFF),
     replace(DRIVING, set_speed=0.05), replace(DRIVING, kind=Kind.CROSS, contact_since=0.0)])
-def test_a_ball_without_a_command_or_in_contact_is_not_stuck(decision):
+def test_a_ball_without_a_forward_command_or_in_contact_is_not_stuck(decision):
     memory = Memory(TUNING, RADIUS)
     for index in range(400):
         memory.watch(Motion(0.02 * index, 0.5, 0.0), decision)
@@ -146,7 +158,8 @@ def test_the_ball_stops_before_an_obstruction_and_requests_another_way():
     stands = filtered(DRIVING, replace(here, free_from=0.48))
     assert (stands.kind, stands.set_speed) == (Kind.GO_ROUND, 0.0)
     assert (stands.plan.strategy, stands.plan.stop_position) == (Strategy.GO_ROUND, math.inf)
-    for decision in (replace(DRIVING, kind=Kind.STOP), replace(DRIVING, kind=Kind.BACK_OFF)):
+    for decision in (replace(DRIVING, kind=Kind.STOP, set_speed=0.0),
+                     replace(DRIVING, kind=Kind.BACK_OFF)):
         assert filtered(decision, here) is decision
     assert filtered(DRIVING, replace(here, obstruction=None)) is DRIVING
 
