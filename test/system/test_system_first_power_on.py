@@ -104,6 +104,8 @@ class Walk:
         for name in ('RAISE', 'SETTLE', 'LOOK'):
             self.monkeypatch.setattr(calibration, name, 0.4 * getattr(calibration, name))
         self.monkeypatch.setattr(calibration, 'STEPS', 2)
+        # Drive and calibration are threads of one process, which a busy machine may delay.
+        self.monkeypatch.setattr(calibration, 'MEASUREMENT_AGE_MAX', 1.0)
         self.monkeypatch.setattr('builtins.input', self._answer)
         code, out = self.shop.run(command(item, 'ballbot calibrate-motor'))
         assert code == 0, out + self.shop.complaint
