@@ -36,10 +36,10 @@ class SinglePublisher:
         """
         now = time.monotonic()
         self._query(now)
-        # A publisher whose node is not discovered yet, or has ended, has no name.
-        names = sorted({name for name in self._names if '_UNKNOWN_' not in name})
-        if len(names) > 1 or (len(self._names) > 1 and (
-                self._own in names or now - self._several_since > RESTART_TIME)):
+        known = self._known()
+        names = sorted(set(known))
+        if len(names) > 1 or (len(known) > 1 and self._own in known) \
+                or (len(self._names) > 1 and now - self._several_since > RESTART_TIME):
             several = ' and '.join(names if len(names) > 1 else self._names)
             raise MessageError(
                 f'{several} publish {self._topic}, and none of them is '
@@ -51,10 +51,15 @@ class SinglePublisher:
         if now < self._count_at:
             return
         self._count_at = now + COUNT_PERIOD
-        if now >= self._name_at or self._node.count_publishers(self._topic) != len(self._names):
+        if now >= self._name_at or len(self._known()) < len(self._names) \
+                or self._node.count_publishers(self._topic) != len(self._names):
             self._name_at = now + NAME_PERIOD
             found = sorted(map(endpoint_name,
                                self._node.get_publishers_info_by_topic(self._topic)))
             if len(found) < 2 or len(self._names) < 2:
                 self._several_since = now
             self._names = found
+
+    def _known(self) -> List[str]:
+        """Return the names without those of nodes that are not discovered yet, or have ended."""
+        return [name for name in self._names if '_UNKNOWN_' not in name]
