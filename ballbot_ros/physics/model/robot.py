@@ -169,7 +169,7 @@ def edge_warnings(robot: Any, speed: float, height: float) -> Iterator[str]:
     above = max(robot.ball_radius - height, 0.0) / robot.ball_radius  # centre above the edge
     if speed * math.sqrt(1.0 - above * above) > fastest:
         yield (f'robot {robot.name!r} hits the edge at more than {fastest:.3g} m/s along the '
-               f'normal, at which it sinks up to {1e3 * depth:.3g} mm into it, '
+               f'normal, at which the penetration may reach {1e3 * depth:.3g} mm, '
                f'{PENETRATION_MAX:.0%} of its radius: contact_stiffness is too low for this '
                'impact, and the height is not reliable')
 
