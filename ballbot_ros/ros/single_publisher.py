@@ -36,10 +36,9 @@ class SinglePublisher:
         """
         now = time.monotonic()
         self._query(now)
-        known = self._known()
-        names = sorted(set(known))
-        if len(names) > 1 or (len(known) > 1 and self._own in known) \
-                or (len(self._names) > 1 and now - self._several_since > RESTART_TIME):
+        names = sorted(set(self._known()))
+        if len(names) > 1 or (len(self._names) > 1 and (
+                self._own in names or now - self._several_since > RESTART_TIME)):
             several = ' and '.join(names if len(names) > 1 else self._names)
             raise MessageError(
                 f'{several} publish {self._topic}, and none of them is '

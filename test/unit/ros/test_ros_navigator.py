@@ -273,7 +273,10 @@ def test_a_second_navigator_of_the_same_name_is_refused_immediately(graph):
     other.create_publisher(TwistStamped, 'cmd_vel', 10)
     try:
         assert graph.spin(20.0, lambda: graph.node.state.status is NavStatus.FAILED)
-        assert '/navigator and /navigator publish /cmd_vel' in graph.node.state.message
+        assert graph.node.state.reason == 'several_publishers'
+        # Its node may be discovered after its publisher.
+        assert graph.spin(20.0, lambda: '/navigator and /navigator publish /cmd_vel'
+                          in graph.node._health()[1])
         assert not graph.send(2.7, 1.4).accepted
     finally:
         other.destroy_node()
