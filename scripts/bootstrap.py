@@ -8,9 +8,10 @@ Prepare .venv so that `.venv/bin/ballbot` and `import ballbot_ros.msg` work.
 documentation and optional features; the other groups add their own packages to `test`.
 
 The stages: find a Python and the system tools, make the virtual environment, install the pinned
-packages, adapt the ROS wheels to this machine, and build the messages with colcon while
-the kernels of the nodes compile. A finished stage writes a stamp with a hash of its inputs, and a
-stage with a matching stamp is skipped: an interrupted run resumes.
+packages, adapt the ROS wheels to this machine, and build the messages with colcon while the
+kernels of the nodes compile, or while the packages of the tests are installed. A finished stage
+writes a stamp with a hash of its inputs, and a stage with a matching stamp is skipped: an
+interrupted run resumes.
 
 A sourced ROS 2 installation replaces the wheels and interfaces/. With
 BALLBOT_DISTRO=kilted the wheels are those of Kilted, in .venv-kilted.

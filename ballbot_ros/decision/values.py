@@ -241,6 +241,11 @@ class Decision:
         return math.nan if self.outlook is None else self.outlook.height_limit - self.height
 
     @property
+    def forward_speed(self) -> float:
+        """Return the commanded forward speed, 0 while the ball backs off [m/s]."""
+        return 0.0 if self.kind is Kind.BACK_OFF else self.set_speed
+
+    @property
     def committed(self) -> bool:
         """Return whether the decision crosses a step past its last braking point."""
         return self.kind is Kind.CROSS and self.reason is Reason.COMMITTED

@@ -8,7 +8,7 @@ from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.learning.outcomes import Outcome, Result
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
-    Decision, Face, Failure, Kind, Motion, Obstruction, Profile, Reason)
+    Decision, Face, Failure, Motion, Obstruction, Profile, Reason)
 
 FAILURES_MAX = 20
 # A ball that rolls back keeps this distance from a face that it has passed [m].
@@ -92,7 +92,7 @@ class Memory:
 
         An undetected step, or a slope that is too steep, sets `obstruction` for the next decision.
         """
-        if decision.kind is Kind.BACK_OFF or not decision.set_speed >= COMMANDED_SPEED_MIN \
+        if not decision.forward_speed >= COMMANDED_SPEED_MIN \
                 or decision.contact_since is not None or not motion.is_plausible:
             self._rest()
             return

@@ -129,8 +129,7 @@ class StopLines:
         behind the last edge.
         """
         blocked = situation.obstruction
-        if blocked is not None and decision.set_speed > 0.0 \
-                and decision.kind is not Kind.BACK_OFF:
+        if blocked is not None and decision.forward_speed > 0.0:
             what = ('rolled back on a slope that is too steep' if blocked.reason is Reason.STEEP
                     else 'made no progress')
             decision = self.stop_before(
