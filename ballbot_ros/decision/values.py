@@ -205,9 +205,9 @@ class Decision:
         Number of the step, 0 for none.
     contact_since : float or None
         Time of the first contact with the step that is being crossed [s].
-    plan : Plan or None
-        None from planners without plans.
-    outlook : Outlook or None
+    plan : Plan
+        By default, the stop as soon as possible.
+    outlook : Outlook
         Predicted outcome of the plan.
 
     """
@@ -222,23 +222,21 @@ class Decision:
     distance: float = math.nan
     step: int = 0
     contact_since: Optional[float] = None
-    plan: Optional[Plan] = None
-    outlook: Optional[Outlook] = None
+    plan: Plan = Plan(Strategy.STOP)
+    outlook: Outlook = Outlook()
 
     def last_edge(self, position: float) -> float:
         """Return the position of the last edge of a crossing [m]; the ball is at `position`."""
-        if self.plan is not None and math.isfinite(self.plan.edge):
-            return self.plan.edge
-        return position + self.distance
+        return self.plan.edge if math.isfinite(self.plan.edge) else position + self.distance
 
     @property
     def height_margin(self) -> float:
         """
         Return the height limit of the outlook minus the height of the step [m].
 
-        Negative if the step is too high; NaN without an outlook.
+        Negative if the step is too high; NaN without a predicted limit.
         """
-        return math.nan if self.outlook is None else self.outlook.height_limit - self.height
+        return self.outlook.height_limit - self.height
 
     @property
     def forward_speed(self) -> float:

@@ -13,7 +13,7 @@ from std_msgs.msg import Header
 
 from ballbot_ros.control import JointReadings, Mode, SetPoint
 from ballbot_ros.decision import (
-    Decision, Kind, Motion, Outlook, Reason, StepObservation, TerrainObservation)
+    Decision, Kind, Motion, Reason, StepObservation, TerrainObservation)
 from ballbot_ros.errors import MessageError
 from ballbot_ros.estimation import OdometryState
 from ballbot_ros.floors import Floor, ranges
@@ -333,7 +333,7 @@ _REASONS = {reason: getattr(StepDecision, f'REASON_{reason.name}') for reason in
 def decision_message(stamp: Time, decision: Decision, position: float = math.nan,
                      frame: str = FRAMES.base) -> StepDecision:
     """Return a decision as a message, with its distances from a position [m] in a frame."""
-    outlook, plan = decision.outlook or Outlook(), decision.plan
+    outlook, plan = decision.outlook, decision.plan
     crossing = plan if decision.kind in (Kind.CROSS, Kind.BACK_OFF) else None
     return StepDecision(
         header=Header(stamp=stamp, frame_id=frame), decision=_KINDS[decision.kind],
@@ -341,12 +341,12 @@ def decision_message(stamp: Time, decision: Decision, position: float = math.nan
         required_speed=decision.required_speed, reachable_speed=decision.reachable_speed,
         height=0.0 if math.isnan(decision.height) else decision.height,
         height_margin=decision.height_margin, distance=decision.distance,
-        explanation=decision.explanation, plan=plan.strategy.value if plan else '',
+        explanation=decision.explanation, plan=plan.strategy.value,
         probability=outlook.probability, probability_stuck=outlook.stuck,
         probability_falls=outlook.falls, required_probability=outlook.required,
         touch_speed=outlook.touch_speed, height_limit=outlook.height_limit,
         braking_room=outlook.braking_room, start_distance=math.nan if crossing is None else
         position - crossing.start if math.isfinite(crossing.start) else 0.0,
         swing_distance=math.nan if crossing is None else crossing.swing_position - position,
-        swing_angle=plan.swing_angle if plan and math.isfinite(plan.swing_position) else math.nan,
+        swing_angle=plan.swing_angle if math.isfinite(plan.swing_position) else math.nan,
         attempts=outlook.attempts, others=list(outlook.others))

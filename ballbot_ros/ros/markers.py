@@ -118,7 +118,7 @@ def decision_markers(decision: Decision, odometry: Odometry, radius: float) -> L
         left, right, top = HALF_WIDTH, -HALF_WIDTH, floor + decision.height
         outline = [(foot, left, floor), (foot, left, top), (foot, right, top),
                    (foot, right, floor), (foot, left, floor)]
-        most = decision.outlook.height_limit if decision.outlook is not None else math.nan
+        most = decision.outlook.height_limit
         if math.isfinite(most):
             limit = [(foot, side, floor + most) for side in (-HALF_WIDTH, HALF_WIDTH)]
     text = _marker(stamp, frame, 'decision', Marker.TEXT_VIEW_FACING, colour,

@@ -14,7 +14,7 @@ from typing import Deque, Optional, Tuple
 from ballbot_ros.decision.learning.outcomes import Outcome, Result
 from ballbot_ros.decision.planning.situation import Situation
 from ballbot_ros.decision.values import (
-    Decision, Face, Kind, Motion, Plan, Profile, REST_SPEED_MAX, Strategy, UNSEEN)
+    Decision, Face, Kind, Motion, Profile, REST_SPEED_MAX, UNSEEN)
 from ballbot_ros.physics.model.robot import Robot
 
 # A slower touch is not an attempt; a faster one is recorded with the second speed [m/s].
@@ -146,9 +146,8 @@ class AttemptWatch:
         """Return an attempt that starts with a touch."""
         plan, probability = None, None
         if decision.kind is Kind.CROSS:
-            plan = decision.plan or Plan(Strategy.CRUISE, speed=decision.set_speed,
-                                         edge=face.position)
-            if decision.outlook is not None and 0.0 <= decision.outlook.probability <= 1.0:
+            plan = decision.plan
+            if 0.0 <= decision.outlook.probability <= 1.0:
                 probability = decision.outlook.probability
         outcome = Outcome(
             stamp=max(0.0, motion.stamp), result=Result.STUCK.value, face=max(0, face.number),

@@ -250,18 +250,16 @@ class DriveGoal(Goal):
             return stopping(planned, why, self.target, speed)
         if planned.kind in (Kind.CROSS, Kind.BACK_OFF):
             return self._at_step(planned, motion, why, speed)
-        place = planned.plan.stop_position if planned.plan is not None else math.inf
-        if self.target < place < math.inf:
+        if self.target < planned.plan.stop_position < math.inf:
             return stopping(planned, why, self.target, speed)
         return replace(planned, set_speed=speed)
 
     def _at_step(self, planned: Decision, motion: Motion, why: str, speed: float) -> Decision:
         """Return the executed part of a decision to cross a step, now or after a run-up."""
-        plan = planned.plan or Plan(Strategy.CRUISE, speed=planned.set_speed)
         face = motion.position + planned.distance
         before = face - self._radius
         # Written so that a required speed that is NaN does not count.
-        needed = max(plan.speed, planned.required_speed)
+        needed = max(planned.plan.speed, planned.required_speed)
         if self.target <= before:
             return stopping(planned, why, self.target, speed)
         if self.target < planned.last_edge(motion.position) + ROOM_BEHIND_EDGE_MIN:

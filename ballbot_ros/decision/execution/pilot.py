@@ -14,7 +14,7 @@ from ballbot_ros.control.speed_law import (
     speed_law_start, speed_law_step, SpeedLaw, SpeedState, steepest_slope, stopping_speed)
 from ballbot_ros.decision.planning.situation import Knowledge
 from ballbot_ros.decision.values import (
-    After, Decision, Kind, Motion, Plan, REST_SPEED_MAX, SLOPE_SD, Strategy)
+    After, Decision, Kind, Motion, REST_SPEED_MAX, SLOPE_SD)
 from ballbot_ros.jit import compiled
 
 # The fields of an `Order`.
@@ -197,7 +197,7 @@ class Pilot:
 
     def _order(self, decision: Decision, motion: Motion) -> Order:
         """Return the order that executes a decision."""
-        plan, tuning = decision.plan or Plan(Strategy.STOP), self._tuning
+        plan, tuning = decision.plan, self._tuning
         stand = self._standing(decision, motion)
         self._back = plan.start if decision.kind is Kind.BACK_OFF else -math.inf
         common = Order(tuning.largest_lean, tuning.emergency_lean, tuning.dead_time)
@@ -208,7 +208,7 @@ class Pilot:
             return common._replace(
                 forward=decision.set_speed, backward=CREEP_SPEED,
                 stop=-math.inf if now and abs(motion.speed) > EASING_SPEED else stand)
-        if decision.kind is Kind.CROSS and decision.plan is not None:
+        if decision.kind is Kind.CROSS:
             after = 0.0 if plan.after is After.STOP else min(plan.speed, tuning.cruise_speed)
             return common._replace(forward=plan.speed, swing=plan.swing_position,
                                    swing_angle=plan.swing_angle, edge=plan.edge, after=after)
@@ -224,7 +224,7 @@ class Pilot:
         if decision.kind not in (Kind.STOP, Kind.GO_ROUND):
             self._stand = math.inf
             return math.inf
-        given = math.inf if decision.plan is None else decision.plan.stop_position
+        given = decision.plan.stop_position
         planned, moves = math.isfinite(given), abs(motion.speed) > REST_SPEED_MAX
         if not planned:
             if not moves and math.isfinite(self._stand):

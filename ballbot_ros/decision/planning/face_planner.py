@@ -315,15 +315,15 @@ class FacePlanner:
             answer = refuse(choice, ahead, motion, self._tuning)
             if choice.reason is Reason.EVALUATING and abs(motion.speed) < REST_SPEED_MAX:
                 # Keep the run-up of a ball at rest.
-                return replace(answer, set_speed=0.0, plan=Plan(Strategy.STOP))
+                return replace(answer, set_speed=0.0)
             return self._lines.stop_before(answer, face.position, situation)
         return go(choice, choice.candidate, ahead, motion, self._tuning)
 
     def _push(self, situation: Situation, previous: Optional[Decision]) -> Optional[Decision]:
         """Return the decision on the step: continue, unless the contact lasts too long."""
         motion, basis = situation.motion, self._selector.basis
-        if previous is None or previous.kind is not Kind.CROSS or previous.plan is None \
-                or basis is None or not motion.position < previous.plan.edge:
+        if previous is None or previous.kind is not Kind.CROSS or basis is None \
+                or not motion.position < previous.plan.edge:
             return None
         faces = situation.profile.faces
         own = [face for face in faces if face.number == previous.step]
@@ -356,11 +356,10 @@ class FacePlanner:
 
     def _brake(self, motion: Motion, previous: Optional[Decision]) -> Optional[Decision]:
         """Return the stop behind the last edge of a plan, until the ball is clear of the edge."""
-        plan = previous.plan if previous is not None else None
-        if previous is None or plan is None or not (
-                0.0 <= motion.position - plan.edge < 0.5 * self._robot.ball_radius) \
+        if previous is None or not (
+                0.0 <= motion.position - previous.plan.edge < 0.5 * self._robot.ball_radius) \
                 or motion.speed < REST_SPEED_MAX or previous.kind is Kind.CROSS \
-                and plan.after is not After.STOP:
+                and previous.plan.after is not After.STOP:
             return None
         return replace(stop(Reason.LANDING, 'Stopping behind the edge'),
-                       plan=Plan(Strategy.STOP, edge=plan.edge))
+                       plan=Plan(Strategy.STOP, edge=previous.plan.edge))

@@ -13,7 +13,7 @@ from ballbot_ros.decision.planning.curve import bisected
 from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
 from ballbot_ros.decision.planning.stop_line import StopLines
 from ballbot_ros.decision.tuning import DecisionTuning
-from ballbot_ros.decision.values import Decision, Kind, Plan, Reason, Strategy, UNSEEN
+from ballbot_ros.decision.values import Decision, Kind, Reason, UNSEEN
 from ballbot_ros.physics.model.robot import Robot
 
 ROUNDING_TOLERANCE = 1e-9  # [m/s], [m]
@@ -21,8 +21,7 @@ ROUNDING_TOLERANCE = 1e-9  # [m/s], [m]
 
 def stop(reason: Reason, explanation: str, **numbers: float) -> Decision:
     """Return a STOP as soon as possible."""
-    return Decision(Kind.STOP, reason, 0.0, explanation, plan=Plan(Strategy.STOP),
-                    **numbers)  # type: ignore[arg-type]
+    return Decision(Kind.STOP, reason, 0.0, explanation, **numbers)  # type: ignore[arg-type]
 
 
 def energy_bound(robot: Robot, speed: float, swing: float) -> float:
@@ -97,7 +96,7 @@ def checked(decision: Decision, situation: Situation, knowledge: Knowledge) -> D
     `energy_bound`.  The speed of other decisions is at most `cruise_speed`, and backing off ends
     within ground that is known to be free.
     """
-    tuning, plan = knowledge.tuning, decision.plan or Plan(Strategy.STOP)
+    tuning, plan = knowledge.tuning, decision.plan
     crossing = decision.kind is Kind.CROSS
     most = tuning.highest_speed if crossing else tuning.cruise_speed
     # Written so that NaN is refused.
@@ -159,5 +158,5 @@ def past_braking(previous: Optional[Decision], situation: Situation) -> bool:
             or implausible_input(situation):
         return False
     # Between two edges of a plan, the ball may already have passed the step.
-    return (previous.plan is not None and situation.motion.position < previous.plan.edge < math.inf
-            ) or any(face.number == previous.step for face in situation.profile.faces)
+    return situation.motion.position < previous.plan.edge < math.inf \
+        or any(face.number == previous.step for face in situation.profile.faces)

@@ -101,8 +101,7 @@ class StopLines:
         if not -steepest - slope_sd <= below <= uphill:
             return Decision(
                 Kind.STOP, Reason.STEEP, 0.0, f'Stopping: a slope of {math.degrees(below):+.1f} '
-                f'degrees is too steep; {self._most} can be held', plan=Plan(Strategy.STOP),
-                distance=0.0)
+                f'degrees is too steep; {self._most} can be held', distance=0.0)
         line = self.before_slope(profile, motion.position)
         if line is None:
             return None
@@ -147,8 +146,7 @@ class StopLines:
         if decision.kind is not Kind.CLEAR:
             if situation.motion.speed > most:  # stop as soon as possible, not at a position
                 return replace(decision, set_speed=0.0, plan=replace(
-                    decision.plan or Plan(Strategy(decision.kind.value)),
-                    stop_position=math.inf))
+                    decision.plan, stop_position=math.inf))
             return replace(decision, set_speed=min(decision.set_speed, most))
         return self.stop_before(
             replace(decision, kind=Kind.STOP, reason=line.reason,

@@ -116,7 +116,7 @@ class GoalServers:
         if isinstance(goal, CrossGoal):
             feedback.phase = getattr(kind, f'PHASE_{goal.phase.name}')
             feedback.distance, feedback.height = planned.distance, planned.height
-            feedback.probability = planned.outlook.probability if planned.outlook else math.nan
+            feedback.probability = planned.outlook.probability
         else:
             feedback.remaining = goal.target - motion.position
         return feedback

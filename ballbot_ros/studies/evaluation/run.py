@@ -55,15 +55,14 @@ class DecisionChanges:
             self._known, monitor.last_event = known, now
         if motion is not None and self._arrives(motion):
             monitor.last_event = now
-        selected = (decision.kind, decision.plan.strategy if decision.plan else None)
+        selected = decision.kind, plan.strategy
         if (self._last is not None and selected != self._last
                 and now > monitor.last_event + REACTION_TIME):
             self.count += 1
         self._last = selected
         self._target = (
-            (1.0, plan.edge) if plan is not None and decision.kind is Kind.CROSS else
-            (-1.0, plan.start + ARRIVED) if plan is not None and decision.kind is Kind.BACK_OFF
-            else None)
+            (1.0, plan.edge) if decision.kind is Kind.CROSS else
+            (-1.0, plan.start + ARRIVED) if decision.kind is Kind.BACK_OFF else None)
 
     def _arrives(self, motion: Motion) -> bool:
         """Return whether the ball reaches the start or last edge of its plan; once for each."""
@@ -151,8 +150,8 @@ class DecisionLog:
     def update(self, now: float, state: State, decision: Decision, set_angle: float,
                decider: Decider) -> None:
         """Log the decision at a time; see `Listener`."""
-        plan = decision.plan
-        selected = (decision.kind, decision.reason, plan.strategy if plan else None)
+        plan, outlook = decision.plan, decision.outlook
+        selected = decision.kind, decision.reason, plan.strategy
         if selected == self._last and now < self._due - 1e-9:
             return
         self._last, self._due = selected, now + self._every
@@ -168,13 +167,11 @@ class DecisionLog:
         text = (f'{now:6.2f} s  x {state.x:+.3f} m  v {state.velocity_x:+.3f} m/s  pendulum '
                 f'{math.degrees(state.pendulum_angle):+4.0f} -> {math.degrees(set_angle):+4.0f} '
                 f'deg  {decision.kind.value}/{decision.reason.value}: {decision.explanation}')
-        if plan:
-            text += (f'\n          plan {plan.strategy.value}: from {plan.start:.2f} m at '
-                     f'{plan.speed:.2f} m/s, swing {math.degrees(plan.swing_angle):.0f} deg at '
-                     f'{plan.swing_position:.2f} m, edge {plan.edge:.2f} m, then '
-                     f'{plan.after.value}, stand at {plan.stop_position:.2f} m')
-        if decision.outlook:
-            outlook = decision.outlook
+        text += (f'\n          plan {plan.strategy.value}: from {plan.start:.2f} m at '
+                 f'{plan.speed:.2f} m/s, swing {math.degrees(plan.swing_angle):.0f} deg at '
+                 f'{plan.swing_position:.2f} m, edge {plan.edge:.2f} m, then '
+                 f'{plan.after.value}, stand at {plan.stop_position:.2f} m')
+        if not math.isnan(outlook.required):
             text += (f'\n          over {outlook.probability:.3f} stuck {outlook.stuck:.3f} falls '
                      f'{outlook.falls:.3f} touch {outlook.touch_speed:.2f} m/s, '
                      f'{outlook.attempts} attempts; braking room {outlook.braking_room:.2f} m')

@@ -14,7 +14,7 @@ from ballbot_ros.decision import (
     Decision, Face, Kind, load_decision_tuning, Motion, Profile, ProfileTracker, Reason,
     StepObservation, TerrainObservation)
 from ballbot_ros.decision.execution.attempts import AttemptWatch
-from ballbot_ros.decision.values import Outlook, Strategy, UNSEEN
+from ballbot_ros.decision.values import Outlook, Plan, Strategy, UNSEEN
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.plant import TerrainSensor
@@ -59,8 +59,8 @@ def drive(ground, speed, lean, robot=GIMBALL, unseen=NEVER, seconds=4.5, polylin
                     now, True, max(0.0, ahead[0] - state.x + 0.005 * random.normal()),
                     ahead[1] + 0.0005 * random.normal(), 0.005, 0.0005)), x)
         decision = Decision(
-            Kind.CROSS, Reason.LIKELY, speed, '', step=profile.face.number
-            if profile.face else 0, outlook=Outlook(probability=0.9))
+            Kind.CROSS, Reason.LIKELY, speed, '', step=profile.face.number if profile.face else 0,
+            plan=Plan(Strategy.CRUISE, speed=speed), outlook=Outlook(probability=0.9))
         outcome = watch.update(Motion(now, x, v, state.pendulum_angle), profile, decision)
         if outcome is not None:
             outcomes.append(outcome)

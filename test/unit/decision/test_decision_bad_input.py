@@ -75,15 +75,14 @@ def test_for_any_data_the_decision_is_valid_and_within_limits(planner, stream):
         limit = TUNING.highest_speed if decision.kind is Kind.CROSS else TUNING.cruise_speed
         assert 0.0 <= decision.set_speed <= limit + 1e-9
         plan = decision.plan
-        if plan is not None:
-            assert 0.0 <= plan.speed <= limit + 1e-9
-            assert abs(plan.swing_angle) <= TUNING.largest_swing
+        assert 0.0 <= plan.speed <= limit + 1e-9
+        assert abs(plan.swing_angle) <= TUNING.largest_swing
         event(decision.kind.value)
         if decision.kind is Kind.CROSS:
             assert all(map(math.isfinite, (now, position, speed)))
             profile = deciding.profile
             face = next(item for item in profile.faces if item.number == decision.step)
-            swing = max(TUNING.largest_lean, abs(plan.swing_angle)) if plan else 0.0
+            swing = max(TUNING.largest_lean, abs(plan.swing_angle))
             assert face.height <= energy_bound(GIMBALL, max(TUNING.highest_speed, speed), swing)
         if not math.isfinite(position):
             position = 0.0

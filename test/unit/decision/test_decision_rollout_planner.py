@@ -159,7 +159,7 @@ def test_a_search_that_ends_past_the_last_braking_point_does_not_back_off(room):
     for number in range(int((room - 0.01) / 0.008)):
         motion = Motion(0.02 * number, -room - RADIUS + 0.008 * number, 0.4)
         decision = plan(Situation(motion, seen(step(0.045)), (), -2.5), decision)
-        if decision.outlook is not None and decision.outlook.braking_room < 0.0:
+        if decision.outlook.braking_room < 0.0:
             late = True
             assert decision.kind is not Kind.BACK_OFF
     assert late
