@@ -21,9 +21,9 @@ END_LENGTH_MIN = 0.1
 
 
 @compiled
-def simplify(x: Array, z: Array, tolerance: Array, keep: Array, stack: Array) -> int:
+def simplify(x: Array, z: Array, tolerance: Array, keep: Array, stack: Array) -> None:
     """
-    Mark the points that keep a polyline within its tolerance, and return their number.
+    Mark the points that keep a polyline within its tolerance.
 
     The Douglas-Peucker algorithm, with a tolerance at each point.
 
@@ -41,7 +41,7 @@ def simplify(x: Array, z: Array, tolerance: Array, keep: Array, stack: Array) ->
     for index in range(len(x)):
         keep[index] = 0.0
     keep[0] = keep[last] = 1.0
-    kept, depth = 2, 1
+    depth = 1
     stack[0, 0], stack[0, 1] = 0.0, last
     while depth > 0:
         depth -= 1
@@ -54,11 +54,9 @@ def simplify(x: Array, z: Array, tolerance: Array, keep: Array, stack: Array) ->
                 worst, where = off, index
         if where >= 0:
             keep[where] = 1.0
-            kept += 1
             stack[depth, 0], stack[depth, 1] = begin, where
             stack[depth + 1, 0], stack[depth + 1, 1] = where, end
             depth += 2
-    return kept
 
 
 class GroundProfile:
@@ -88,10 +86,10 @@ class GroundProfile:
             return []
         x, z = np.array(inner).T
         keep = np.zeros(len(x))
-        count = simplify(x, z, np.full(len(x), BEND_HEIGHT_MIN), keep, np.zeros((len(x), 2)))
+        simplify(x, z, np.full(len(x), BEND_HEIGHT_MIN), keep, np.zeros((len(x), 2)))
         bends = np.flatnonzero(keep)[1:-1]
         return list(zip(x[bends].tolist(), (z[bends] - z[0]).tolist())) \
-            if count <= BENDS_MAX + 2 else []
+            if len(bends) <= BENDS_MAX else []
 
     def rise(self, begin: float, end: float) -> float:
         """Return the rise of the ground between two positions, without faces at them [m]."""

@@ -52,7 +52,6 @@ class Ahead:
     shape: Array
     faces: Tuple[Face, ...]  # at most `FACES_MAX`, and the next one
     ends: Tuple[End, ...]  # from near to far; none if the first face is a drop
-    deviations: Array  # (2, FACES_MAX) standard deviations of height and position of faces [m]
     slope: float  # below the ball, positive uphill [rad]
     slope_sd: float  # [rad]
     touch: float  # position of the centre at the touch of the first face [m]
@@ -162,9 +161,6 @@ def look_ahead(situation: Situation, faces: Sequence[Face], radius: float,
     rows.append((seen_to, level, len(faces) - 1, 1.0, 1.0))
     last = seen_to + GROUND_EXTENSION
     rows.append((last, level + floor.rise(seen_to, last), len(faces) - 1, 1.0, 1.0))
-    deviations = np.zeros((2, FACES_MAX))
-    for index, face in enumerate(faces[:FACES_MAX]):
-        deviations[:, index] = face.height_sd, face.position_sd
     for number, end in enumerate(ends):
         if end.faces < len(faces):
             room = faces[end.faces].position - radius - end.position
@@ -172,8 +168,6 @@ def look_ahead(situation: Situation, faces: Sequence[Face], radius: float,
                 After.STOP if room < BRAKING_DISTANCE else After.CRUISE))
         else:
             ends[number] = replace(end, following=len(rows) - 1)
-    first = faces[0]
     return Ahead(
-        np.array(rows), tuple(faces), tuple(ends), deviations, slope, situation.slope_sd,
-        first.touch(radius, slope),
-        min(seen_to - radius - LINE_MARGIN, line), known, descents)
+        np.array(rows), tuple(faces), tuple(ends), slope, situation.slope_sd,
+        faces[0].touch(radius, slope), min(seen_to - radius - LINE_MARGIN, line), known, descents)

@@ -118,13 +118,13 @@ class Worlds:
     def see(self, ahead: Ahead) -> None:
         """Sample the terrain from its uncertainty."""
         draws, normal = self._draws, self._normal
-        heights, places = ahead.deviations
-        draws[:, HEIGHT:HEIGHT + FACES_MAX] = normal[:, 1::2] * heights
-        # The height bias of a sensor is common to all rising faces.
-        for index, face in enumerate(ahead.faces[:FACES_MAX]):
-            draws[:, HEIGHT + index] -= np.sign(face.height) * self._bias
-        draws[:, PLACE:PLACE + FACES_MAX] = normal[:, 2::2] * places
         draws[:, SLOPE] = normal[:, 0] * ahead.slope_sd
+        draws[:, HEIGHT:] = 0.0
+        for index, face in enumerate(ahead.faces[:FACES_MAX]):
+            # The height bias of a sensor is common to all rising faces.
+            draws[:, HEIGHT + index] = (normal[:, 1 + 2 * index] * face.height_sd
+                                        - np.sign(face.height) * self._bias)
+            draws[:, PLACE + index] = normal[:, 2 + 2 * index] * face.position_sd
 
     def middle(self) -> Array:
         """Return the mean of all worlds, (1, DRAW)."""
