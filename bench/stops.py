@@ -12,7 +12,6 @@ import numpy as np
 
 from ballbot_ros.decision import (
     Decision, Kind, Knowledge, Motion, nominal_knowledge, Pilot, Plan, Reason, Strategy)
-from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.studies.evaluation.approaches import draw_robot
 from ballbot_ros.studies.evaluation.closed_loop import balanced_angle, ClosedLoop, PERIOD
@@ -63,8 +62,7 @@ def random_stop(nominal: Knowledge, seed: int, number: int) -> RandomStop:
             motion = Motion(loop.time, state.x, state.velocity_x, state.pendulum_angle,
                             slope=slope)
             loop.advance(pilot.angle(decision, motion), PERIODS)
-    braking = Braking(nominal.robot, nominal.tuning, nominal.control)
-    return RandomStop(speed, slope, braking.distance(speed, slope, emergency=True),
+    return RandomStop(speed, slope, nominal.braking.distance(speed, slope, emergency=True),
                       farthest - begin)
 
 

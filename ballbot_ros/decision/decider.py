@@ -10,7 +10,6 @@ from ballbot_ros.decision.execution.pilot import Pilot
 from ballbot_ros.decision.learning.learner import Learner
 from ballbot_ros.decision.learning.outcomes import Outcome
 from ballbot_ros.decision.perception import GroundFusion, Observation
-from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.planning.planners import PLANNERS
 from ballbot_ros.decision.planning.safety_filter import with_safety_filter
 from ballbot_ros.decision.planning.situation import Knowledge, Planner, Situation
@@ -110,12 +109,11 @@ class Decider:
         """
         knowledge = replace(knowledge, particles=self._learner.particles)
         plan = with_safety_filter(self._maker(knowledge), knowledge)
-        braking = Braking(knowledge.robot, knowledge.tuning, knowledge.control)
 
         def activate() -> None:
             self.knowledge, self._plan = knowledge, plan
             self._pilot.follow(knowledge)
-            self._fusion.follow(knowledge.tuning, braking.steepest)
+            self._fusion.follow(knowledge.tuning, knowledge.braking.steepest)
         return activate
 
     @property
@@ -180,9 +178,8 @@ def warm_up(knowledge: Knowledge, planner: str) -> None:
             (), floor[0], floor[-1]))
         rehearsal.move(Motion(now, 0.0, 0.3))
         rehearsal.decide()
-    braking = Braking(knowledge.robot, knowledge.tuning, knowledge.control)
-    braking.speed_within(1.0, 0.0)
-    braking.expected_distance(0.3, 0.0)
+    knowledge.braking.speed_within(1.0, 0.0)
+    knowledge.braking.expected_distance(0.3, 0.0)
     learner = Learner(knowledge.initial_particles)
     learner.take(Outcome(
         stamp=0.0, result='over', face=1, position=1.0, height=0.01, height_sd=0.001,

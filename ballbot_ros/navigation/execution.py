@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.decision import Knowledge
-from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.values import REST_SPEED_MAX
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import distance_to_segment, Floor, Point
@@ -224,8 +223,7 @@ class Navigator:
     def __init__(self, planner: RoutePlanner, knowledge: Knowledge):
         self.planner, self._knowledge, self._tuning = planner, knowledge, knowledge.tuning
         self._tracker = Tracker(knowledge.robot, knowledge.tuning.cruise_speed)
-        self._radius = knowledge.robot.ball_radius
-        self._braking = Braking(knowledge.robot, knowledge.tuning, knowledge.control)
+        self._radius, self._braking = knowledge.robot.ball_radius, knowledge.braking
 
     def begin(self, state: NavigationState, goal: Tuple[float, ...], percept: Percept
               ) -> NavigationState:

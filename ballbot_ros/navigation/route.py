@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import check_decision, Knowledge
 from ballbot_ros.decision.planning.ahead import SIGMAS
-from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.errors import RefusedError
 from ballbot_ros.floors.floor import (
     AREAS, distance_to_segment, Feature, Floor, FREE, Heights, inside, LINES, Point, signed_area,
@@ -241,10 +240,9 @@ class RoutePlanner:
         check_decision(knowledge.robot, knowledge.curve, knowledge.tuning)
         self.floor, self._tuning = floor, knowledge.tuning
         self.ball_radius = knowledge.robot.ball_radius
-        braking = Braking(knowledge.robot, knowledge.tuning, knowledge.control)
-        self.drop_distance = self.ball_radius + braking.distance(
+        self.drop_distance = self.ball_radius + knowledge.braking.distance(
             knowledge.tuning.cruise_speed, 0.0)
-        self._steepest = braking.steepest
+        self._steepest = knowledge.braking.steepest
         self._ramps = [feature for feature in floor.features
                        if feature.kind == 'ramp' and not self.is_closed(feature)]
         self._parts = [list(self._parts_of(feature)) for feature in floor.features]

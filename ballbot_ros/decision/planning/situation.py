@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inputs of a planner: constant ones, and those of each decision."""
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 import math
 from typing import List, Optional, Protocol, Tuple
 
 from ballbot_ros.control import ControlTuning, load_tuning
 from ballbot_ros.decision.learning.particles import Particles
+from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.planning.curve import HeightCurve, load_curve
 from ballbot_ros.decision.tuning import check_decision, DecisionTuning, load_decision_tuning
 from ballbot_ros.decision.values import (
@@ -40,6 +41,11 @@ class Knowledge:
     control: ControlTuning = field(default_factory=lambda: load_tuning('published'))
     seed: int = 0
     particles: Optional[Particles] = None
+
+    @cached_property
+    def braking(self) -> Braking:
+        """Return the guaranteed accelerations and distances of the robot."""
+        return Braking(self.robot, self.tuning, self.control)
 
     @property
     def initial_particles(self) -> Particles:

@@ -13,7 +13,6 @@ from typing import Iterable, NamedTuple, Optional
 
 from ballbot_ros.decision.perception.ground_profile import (
     GroundProfile, SLOPE_LENGTH_MIN)
-from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.values import (
     Decision, Face, Kind, Plan, Profile, Reason, Strategy)
@@ -36,7 +35,7 @@ class StopLines:
 
     def __init__(self, knowledge: Knowledge):
         self._radius, self._tuning = knowledge.robot.ball_radius, knowledge.tuning
-        self.braking = Braking(knowledge.robot, knowledge.tuning, knowledge.control)
+        self.braking = knowledge.braking
 
     def before_face(self, face: Face) -> StopLine:
         """Return the line before a face that is not crossed."""

@@ -12,7 +12,6 @@ import numpy as np
 
 from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import Knowledge
-from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.physics.model.robot import Robot, with_parameters
 from ballbot_ros.physics.model.uncertainty import changed, independent, uncertain
 from ballbot_ros.studies.evaluation.search import limit_at, set_robots
@@ -82,10 +81,9 @@ def draw_approach(nominal: Knowledge, seed: int, number: int, kind: Optional[str
     # No approach starts where the ball can no longer stop.
     grip = 0.8 * robot.surface_friction
     slope = max(slope, -math.atan(grip) + 0.01)
-    braking = Braking(nominal.robot, nominal.tuning, nominal.control)
     slide = speed**2 / (2.0 * robot.gravity * (grip + math.tan(min(0.0, slope))))
     before = (speed * (model.faults.latency + model.reordering)
-              + max(slide, braking.distance(speed, min(0.0, slope), emergency=True))
+              + max(slide, nominal.braking.distance(speed, min(0.0, slope), emergency=True))
               + float(random.uniform(0.2, 2.2)))
     behind = round(float(random.uniform(0.3, 1.5)), 2) if random.random() < 0.5 else 0.0
     # The floor behind the start ends exactly where room_behind ends, or is long.

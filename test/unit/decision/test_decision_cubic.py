@@ -12,7 +12,6 @@ from ballbot_ros.decision import (
     Decision, Face, Kind, Knowledge, load_curve, load_decision_tuning, Motion, Plan, PLANNERS,
     Profile, Reason, Situation, Strategy)
 from ballbot_ros.decision.planning import cubic
-from ballbot_ros.decision.planning.braking import Braking
 from ballbot_ros.decision.planning.safety_filter import with_safety_filter
 from ballbot_ros.physics.model.robot import load_robot
 
@@ -95,10 +94,9 @@ def test_the_answer_contains_the_numbers_of_the_step_and_its_margins():
     conservative = 0.031 + 2.0 * math.hypot(0.001, TUNING.height_bias_sd) + 0.002
     assert answer.required_speed == pytest.approx(1.08 * CURVE.required_speed(conservative))
     room = 1.3 - touch_distance(GIMBALL.ball_radius, 0.031)
-    braking = Braking(GIMBALL, TUNING, KNOWN.control)
-    assert answer.reachable_speed == braking.touch_speed(0.5, 1.1, room, 0.0)
+    assert answer.reachable_speed == KNOWN.braking.touch_speed(0.5, 1.1, room, 0.0)
     # The outlook uses the driven speed, not the reachable one.
-    driven = braking.touch_speed(0.5, answer.set_speed, room, 0.0)
+    driven = KNOWN.braking.touch_speed(0.5, answer.set_speed, room, 0.0)
     assert answer.required_speed <= driven < answer.reachable_speed
     assert answer.outlook.touch_speed == driven
     assert answer.height_margin == answer.outlook.height_limit - 0.031 > 0.0
