@@ -77,7 +77,6 @@ class Decider:
     def __init__(self, knowledge: Knowledge,
                  planner: Union[str, Callable[[Knowledge], Planner]] = 'cubic',
                  frame: str = 'base_link'):
-        """Start without observations."""
         self._learner = Learner(knowledge.initial_particles)
         self._maker = PLANNERS[planner] if isinstance(planner, str) else planner
         self._fusion = GroundFusion(knowledge.robot, knowledge.tuning, frame)

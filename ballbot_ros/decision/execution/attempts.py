@@ -62,7 +62,6 @@ class AttemptWatch:
     """Detects attempts and their outcomes at each decision."""
 
     def __init__(self, robot: Robot):
-        """Start without an attempt."""
         self._radius = robot.ball_radius
         self._digest = robot.digest
         self.reset()
@@ -121,7 +120,7 @@ class AttemptWatch:
         if face is None:
             self._run_up = math.nan
             return
-        before, self._run_up = self._run_up, self._distance_to_touch(face, motion.position)
+        before, self._run_up = self._run_up, face.touch(self._radius) - motion.position
         self._left = self._left or self._run_up > RETREAT_MIN
         # A face that appears at the present position of the ball was not approached.
         if self._left and before > 0.0 >= self._run_up:
@@ -129,15 +128,12 @@ class AttemptWatch:
             if speed >= TOUCH_SPEED_MIN:
                 self.attempt = self._started(face, motion, seen, decision, speed, angle)
 
-    def _distance_to_touch(self, face: Face, position: float) -> float:
-        """Return the distance that the ball rolls before it touches a face [m]."""
-        return face.touch(self._radius) - position
-
     def _before_touch(self, face: Face) -> Tuple[float, float]:
         """Return speed and pendulum angle just before the touch."""
-        slack = min(TOUCH_MARGIN_MIN + 2.0 * face.position_sd, TOUCH_MARGIN_MAX)
+        before = face.touch(self._radius) - min(
+            TOUCH_MARGIN_MIN + 2.0 * face.position_sd, TOUCH_MARGIN_MAX)
         for motion in reversed(self._motions):
-            if self._distance_to_touch(face, motion.position) >= slack:
+            if motion.position <= before:
                 return motion.speed, motion.pendulum_angle
         return self._motions[0].speed, self._motions[0].pendulum_angle
 

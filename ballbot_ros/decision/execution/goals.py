@@ -129,7 +129,6 @@ class Goals:
     """Executes one goal at a time; the ball then rests until the next one, or `go_on`."""
 
     def __init__(self) -> None:
-        """Start without a goal."""
         self.goal: Optional[Goal] = None
         self.waiting = False  # whether the ball rests until a goal arrives
         self._crossing = False  # whether the last executed decision crosses a step
@@ -213,7 +212,6 @@ class DriveGoal(Goal):
 
     def __init__(self, start: Motion, target: float, speed_limit: float, tolerance: float,
                  timeout: float, tuning: DecisionTuning, radius: float, free_from: float):
-        """Check the request, and start the goal."""
         if not abs(target) < POSITION_MAX:
             raise RefusedError(
                 f'target must be finite and within {POSITION_MAX:g} m, got {target:g}',

@@ -19,7 +19,6 @@ class Learner:
     """Updates the particles from outcomes in small portions, so that no decision is delayed."""
 
     def __init__(self, particles: Particles):
-        """Start without outcomes."""
         self.particles = particles
         self._waiting: Deque[Outcome] = deque(maxlen=PENDING_MAX)
         self._current: Optional[Tuple[Outcome, Chances]] = None

@@ -26,7 +26,6 @@ class Trend:
     """Recursive linear regression of heights on distances."""
 
     def __init__(self) -> None:
-        """Start without observations."""
         self.count, self.latest = 0, 0.0  # number of observations, distance of the latest one [m]
         self._distance = self._height = 0.0
         self._dd = self._dh = self._hh = 0.0

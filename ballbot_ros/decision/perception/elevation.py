@@ -186,12 +186,10 @@ class ElevationMap:
     """
 
     def __init__(self, tuning: DecisionTuning):
-        """Start with an empty map."""
         self._sigmas, self._forget_after = tuning.contradiction_sigma, tuning.forget_after
         self.clear()
 
     def clear(self) -> None:
-        """Clear the map."""
         self.first, self.scans = 0, 0  # node of the first element, number of scans in the map
         self.height = np.zeros(NODES)  # [m]
         # Variance of the average of the scans, without the texture; infinite if unobserved [m2].

@@ -26,7 +26,6 @@ class ProfileTracker:
     """Estimates the ground ahead from a step sensor, a terrain sensor in a `frame`, or both."""
 
     def __init__(self, robot: Robot, tuning: DecisionTuning, frame: str = 'base_link'):
-        """Start without observations."""
         self._edges = EdgeMap(tuning.contradiction_sigma)
         self._steps = StepTracker(robot.ball_radius, tuning, self._edges)
         self._terrain = TerrainTracker(robot.ball_radius, tuning, self._edges, frame)
@@ -120,7 +119,6 @@ class GroundFusion:
     """
 
     def __init__(self, robot: Robot, tuning: DecisionTuning, frame: str = 'base_link'):
-        """Start without observations."""
         self._tracker = ProfileTracker(robot, tuning, frame)
         self.follow = self._tracker.follow
         self.reset()

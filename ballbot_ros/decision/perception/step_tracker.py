@@ -22,7 +22,6 @@ class Scatter:
     """
 
     def __init__(self) -> None:
-        """Start without observations."""
         self._last = math.nan
         self._steps: Deque[float] = deque(maxlen=DIFFERENCES_MAX)
 

@@ -25,7 +25,6 @@ class Braking:
     """
 
     def __init__(self, robot: Robot, tuning: DecisionTuning, control: ControlTuning):
-        """Compute the constants once."""
         law = SpeedLaw.tuned(robot, control)
         nominal = acceleration(tuning.largest_lean, 0.0, law[:])
 

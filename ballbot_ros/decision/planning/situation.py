@@ -70,7 +70,7 @@ class Situation:
     Attributes
     ----------
     motion : Motion
-        Propagated to the time at which the decision takes effect.
+        The newest odometry, with the state that the pilot estimates.
     profile : Profile
         `UNSEEN` before the first observation.
     failures : tuple of Failure

@@ -86,7 +86,6 @@ class Worlds:
     """
 
     def __init__(self, knowledge: Knowledge):
-        """Draw the samples."""
         robot, tuning, control = knowledge.robot, knowledge.tuning, knowledge.control
         self._seed, self._highest_descent = knowledge.seed, tuning.highest_descent
         # Columns: slope, then height and position of each face, independent of `FACES_MAX`.
