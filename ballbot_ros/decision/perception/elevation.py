@@ -157,7 +157,7 @@ def resample(x: Array, z: Array, z_sd: Array, kept: Flags, position: float) -> O
                 middle(run))
 
 
-NODES = 640  # of the map
+NODES = round((MAP_BEHIND + MAP_AHEAD) / CELL) + 40  # of the map, with a margin
 # Default noise of a sensor that reports none [m], and number of scans for estimating it.
 DEFAULT_NOISE_SD, SCANS_MIN = 0.005, 5
 NOISE_SD_MIN = 1e-4      # [m]

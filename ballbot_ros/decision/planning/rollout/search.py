@@ -114,9 +114,8 @@ LEVEL_MAX = 3
 FINALISTS_MAX, COMPARISON_WORLDS = 8, 16
 # Worlds for confirming a plan, and before the first check.
 CONFIRMATION_ROLLOUTS, ROLLOUTS_BEFORE_CHECK = 200, 40
-# Candidates per batch, and sufficient number at the highest level.
-CANDIDATES_PER_BATCH, SUFFICIENT_COUNT = 20, 6
-ROLLOUTS_PER_YIELD = 20  # rollouts between two yields
+# Rollouts between two yields, and sufficient number of candidates at the highest level.
+ROLLOUTS_PER_BATCH, SUFFICIENT_COUNT = 20, 6
 # A candidate this far below the required probability at a check is rejected.
 REJECTION_MARGIN = 0.12
 CONFIRMED_MAX = 3
@@ -222,8 +221,8 @@ def _sort(trials: List[Trial], task: Task) -> Generator[None, None, None]:
     # By the approximate touch speed.
     trials.sort(key=lambda trial: math.sqrt(
         trial.candidate.speed**2 + 2.0 * LEAN_ACCELERATION * max(trial.candidate.swing, 0.0)))
-    for begin in range(0, len(trials), CANDIDATES_PER_BATCH):
-        bundle = trials[begin:begin + CANDIDATES_PER_BATCH]
+    for begin in range(0, len(trials), ROLLOUTS_PER_BATCH):
+        bundle = trials[begin:begin + ROLLOUTS_PER_BATCH]
         for number, (level, added, raised) in enumerate(PASSES):
             chosen = [trial for trial in bundle if trial.level == level and not trial.falls]
             if chosen:
@@ -256,7 +255,7 @@ def _finalists(trials: Sequence[Trial], highest_speed: float) -> List[Trial]:
 def confirm(trial: Trial, task: Task, number: int) -> Generator[None, None, None]:
     """Simulate a plan in `number` worlds, or until it can no longer be `good`."""
     while trial.many.attempts < number:
-        trial.many = task.continued(trial.candidate, trial.many, ROLLOUTS_PER_YIELD)
+        trial.many = task.continued(trial.candidate, trial.many, ROLLOUTS_PER_BATCH)
         yield
         if trial.many.attempts >= ROLLOUTS_BEFORE_CHECK and (
                 trial.many.probability < task.required - REJECTION_MARGIN
@@ -296,8 +295,8 @@ def highest_step(plans: Sequence[Candidate], task: Task) -> Generator[None, None
     low, high, middle = -task.ahead.faces[0].height, LIMIT_ABOVE_MAX, task.worlds.middle()
     for _ in range(6):
         raised, passing = 0.5 * (low + high), []
-        for begin in range(0, len(plans), CANDIDATES_PER_BATCH):
-            bundle = plans[begin:begin + CANDIDATES_PER_BATCH]
+        for begin in range(0, len(plans), ROLLOUTS_PER_BATCH):
+            bundle = plans[begin:begin + ROLLOUTS_PER_BATCH]
             results = task.attempt(bundle, middle, raised)[:, 0]
             passing += [plan for plan, result in zip(bundle, results) if result[VERDICT] == OVER
                         and result[TOUCH_SPEED] <= task.highest_speed]
