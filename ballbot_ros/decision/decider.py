@@ -178,9 +178,7 @@ def warm_up(knowledge: Knowledge, planner: str) -> None:
         rehearsal.move(Motion(now, 0.0, 0.3))
         rehearsal.decide()
     knowledge.braking.speed_within(1.0, 0.0)
-    knowledge.braking.expected_distance(0.3, 0.0)
-    learner = Learner(knowledge.initial_particles)
-    learner.take(Outcome(
+    rehearsal._learner.take(Outcome(
         stamp=0.0, result='over', face=1, position=1.0, height=0.01, height_sd=0.001,
         touch_speed=0.6, touch_angle=0.0, held_angle=0.0, slope=0.0, distance=1.0, robot=''))
-    learner.advance(1)
+    rehearsal._learner.advance(1)
