@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controls of the page: one widget for each control of a source, and the source's state."""
+import asyncio
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from html import escape
 import logging
@@ -57,6 +59,7 @@ class Controls:
         self._refused = ''
         # Both the page and the callback threads of the widgets refresh.
         self._refreshing = RLock()
+        self._changes = ThreadPoolExecutor(1, 'changes')  # in the order of their messages
         self._gui.main_panel.dock_right()
         self._gui.main_panel.set_width(PANEL_WIDTH)
         self._status = self._gui.add_html('')
@@ -206,9 +209,13 @@ class Controls:
         return NAMED[name][words] if words in NAMED[name] else float(words.split()[0])
 
     def _on_change(self, name: str, widget: Any, meaning: Callable[[Any], Value]) -> None:
-        # An update without a client comes from the page itself.
-        widget.on_update(lambda event: None if event.client is None else self._use(
-            name, meaning(event.target.value), event))
+        async def change(event: Any) -> None:
+            # Viser awaits this function right after the update; a thread that it starts may read
+            # the value only after a refresh has overwritten it.
+            if event.client is not None:  # else the page itself has set the value
+                asyncio.get_running_loop().run_in_executor(
+                    self._changes, self._use, name, meaning(event.target.value), event)
+        widget.on_update(change)
 
     def _use(self, name: str, value: Value, event: Any) -> None:
         """Use a control; a refusal is shown in the page of the client."""

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page draws for each viewer, and is not delayed by a viewer that does not read."""
 from dataclasses import replace
+from threading import Event
 import time
 from types import SimpleNamespace
 
@@ -8,6 +9,7 @@ import pytest
 from waiting import wait_until
 
 looker = pytest.importorskip('looker')  # and viser
+msgpack = pytest.importorskip('msgspec.msgpack')
 
 from ballbot_ros.errors import ConfigurationError  # noqa: E402
 from ballbot_ros.view.page import Page  # noqa: E402
@@ -80,6 +82,23 @@ def test_a_slider_returns_to_the_valid_value_after_a_refusal(page):
     slider.value = 3.0  # as if set by hand, and refused
     controls.refresh()
     assert slider.value == 7.0
+
+
+def test_a_refresh_does_not_discard_the_change_of_a_viewer(page):
+    source, controls = page._source, page._controls
+    slider, busy, threads = controls._widgets['set_point'], Event(), page._server._thread_executor
+    with looker.look(page.url) as viewer:
+        wait_until(page._server.get_clients)
+        try:
+            for _ in range(threads._max_workers):
+                threads.submit(busy.wait)
+            viewer.send(msgpack.encode({'type': 'GuiUpdateMessage', 'uuid': slider._impl.uuid,
+                                        'updates': {'value': 5}}))
+            wait_until(lambda: slider.value == 5.0)
+            controls.refresh()
+        finally:
+            busy.set()
+        wait_until(lambda: source.controls['set_point'].value == 5.0)
 
 
 def test_widgets_follow_the_controls_of_the_source(page):
