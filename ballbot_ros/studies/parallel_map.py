@@ -10,6 +10,7 @@ from contextlib import contextmanager
 import errno
 import fcntl
 from functools import lru_cache
+import gc
 import hashlib
 from itertools import islice
 import json
@@ -164,7 +165,7 @@ def worker_pool(workers: Optional[int],
     if scheduler is None:
         number = (os.cpu_count() or 1) if workers is None else workers
         pool = ProcessPoolExecutor(
-            number, multiprocessing.get_context('fork'), _end_with_parent, (os.getpid(),))
+            number, multiprocessing.get_context('fork'), _start_worker, (os.getpid(),))
         try:
             yield pool, number
         finally:
@@ -187,8 +188,10 @@ def worker_pool(workers: Optional[int],
         yield client.get_executor(), number
 
 
-def _end_with_parent(parent: int) -> None:
+def _start_worker(parent: int) -> None:
     """Leave the signals of the terminal to the parent, and exit when it has ended."""
+    # As in `ros.run`: garbage collection of all modules takes longer than a period.
+    gc.freeze()
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # with which a broken pool ends its workers

@@ -2,6 +2,7 @@
 """Sweeps: cases of a plan, interruption and resumption, units and provenance in the file."""
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+import gc
 import json
 import logging
 import math
@@ -21,7 +22,7 @@ from waiting import wait_until
 from ballbot_ros.cli import main
 from ballbot_ros.crossing import held_at, max_step_height, rolling, Site, try_step
 from ballbot_ros.physics import Actuation, load_robot
-from ballbot_ros.studies.parallel_map import checkpointed_map
+from ballbot_ros.studies.parallel_map import checkpointed_map, worker_pool
 from ballbot_ros.studies.sweep import BLOCK_SIZE, columns, run_block, run_sweep
 from ballbot_ros.studies.sweep_plan import SweepPlan
 
@@ -213,6 +214,11 @@ def test_workers_end_with_their_parent():
     process.wait()
     process.stdout.close()
     wait_until(lambda: not _alive(worker))
+
+
+def test_a_worker_does_not_collect_the_modules_that_it_inherits():
+    with worker_pool(1) as (pool, _):
+        assert pool.submit(gc.get_freeze_count).result() > 1000
 
 
 def _alive(process):
