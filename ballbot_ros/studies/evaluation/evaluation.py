@@ -11,20 +11,22 @@ from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
 
 from ballbot_ros.crossing.rules import touch_distance
-from ballbot_ros.decision import Knowledge, nominal_knowledge
+from ballbot_ros.decision import (
+    Decision, Kind, Knowledge, Motion, nominal_knowledge, Pilot, Plan, Reason, Strategy)
 from ballbot_ros.results.digests import digest
 from ballbot_ros.studies.evaluation.approaches import Approach, crossable_approach, draw_approach
-from ballbot_ros.studies.evaluation.run import heading, run_approach
+from ballbot_ros.studies.evaluation.closed_loop import ClosedLoop
+from ballbot_ros.studies.evaluation.run import heading, ODOMETRY_PERIODS, run_approach
 from ballbot_ros.studies.evaluation.search import (
-    best_start, height_limit, Manoeuvre, MANOEUVRES, possible)
+    best_start, crosses, CROSSING_TIME_MAX, height_limit, highest, lay_step, MANOEUVRES, possible)
 from ballbot_ros.studies.evaluation.terrains import true_faces
 from ballbot_ros.studies.parallel_map import checkpointed_rows, source_digest
 from ballbot_ros.studies.progress import ignore, Progress
 
 BLOCK = 10  # approaches in a file
 FOLDER = 'approaches'
-# Range of run-ups [m] and smallest speed [m/s] of a manoeuvre for the true margin.
-RUN_UPS, SLOWEST = (0.05, 3.0), 0.1
+# Range of run-ups of a manoeuvre for the margin of a refused step [m].
+RUN_UPS = (0.05, 3.0)
 
 # Exceptions of a decision that are defects, not refused input; they are counted.
 DEFECTS = (ArithmeticError, AssertionError, AttributeError, LookupError, RuntimeError,
@@ -87,9 +89,7 @@ def _run(evaluation: Evaluation, planner: str, group: str, number: int, search: 
     row['group'] = group
     if not search:
         return row
-    # No crossing is allowed onto floor that is neither observed nor granted.
-    known = approach.unseen_room > 0.0 or approach.sensor.kind != 'step'
-    if row['crossable'] and known and row['kind'] not in ('nothing', 'crossable'):
+    if row['crossable'] and may_cross(approach) and row['kind'] not in ('nothing', 'crossable'):
         row['possible'] = row['outcome'] == 'over' or possible(
             approach.robot, approach.ground, approach.room_behind, nominal.robot, nominal.control)
     if row['kind'] in ('step', 'crossable'):
@@ -98,6 +98,14 @@ def _run(evaluation: Evaluation, planner: str, group: str, number: int, search: 
         if row.get('height_margin') is not None:
             row['true_margin'] = refused_margin(approach, nominal)
     return row
+
+
+def may_cross(approach: Approach) -> bool:
+    """Return whether the decision may cross the obstacle, given what its sensor can observe."""
+    faces = [face for face in true_faces(approach.ground.terrain) if face[0] > 0.0]
+    # A step sensor detects no ramp, and its floor behind a step must be granted.
+    seen = approach.sensor.kind != 'step' or approach.unseen_room > 0.0 and len(faces) > 0
+    return seen and approach.sensor.condition != 'frozen'  # which stops the ball
 
 
 def refused_margin(approach: Approach, nominal: Knowledge) -> float:
@@ -110,18 +118,33 @@ def refused_margin(approach: Approach, nominal: Knowledge) -> float:
 
 
 def true_margin(approach: Approach, attempt: Dict[str, Any], nominal: Knowledge) -> float:
-    """Return the maximum step height of the true robot with a plan minus that of its step [m]."""
+    """
+    Return the maximum step height of the true robot with a plan minus that of its step [m].
+
+    The pilot executes the plan of an attempt again, from the same state, at other heights.
+    """
     robot, slope = approach.robot, approach.ground.slope
     face: float = attempt['face']
     height = float(approach.ground.terrain.height(face + 1e-6)) - math.tan(slope) * face
-    touch = face - touch_distance(robot.ball_radius, height)
-    start, _, swing, angle = attempt['plan'] if len(attempt['plan']) == 4 else (
-        None, 0.0, None, 0.0)
-    speed = max(float(attempt['swing_speed']), SLOWEST)
-    run_up = RUN_UPS[1] if start is None else min(max(touch - start, RUN_UPS[0]), RUN_UPS[1])
-    lead = -1.0 if swing is None else max(0.0, (touch - swing) / speed)
-    return height_limit(robot, nominal.robot, nominal.control, run_up,
-                        (Manoeuvre(speed, lead, angle),), slope, math.inf, height) - height
+    speed, swing, angle = attempt['plan'][1:] if len(attempt['plan']) == 4 else (
+        *attempt['plan'], None, 0.0)
+    order = Decision(Kind.CROSS, Reason.COMMITTED, speed, '', plan=Plan(
+        Strategy.CRUISE, speed=speed, swing_position=math.inf if swing is None else swing,
+        swing_angle=angle, edge=attempt['edge']))
+
+    def passes(trial: float) -> bool:
+        ground, pilot = lay_step(robot, trial, face, slope), Pilot(nominal)
+        x, start_speed, pendulum_angle = attempt['before']
+        loop = ClosedLoop(robot, ground.terrain, nominal.robot, nominal.control, start_speed,
+                          pendulum_angle, x)
+
+        def advance() -> None:
+            state = loop.state
+            loop.advance(pilot.angle(order, Motion(
+                loop.time, state.x, state.velocity_x, state.pendulum_angle, slope=slope)),
+                ODOMETRY_PERIODS)
+        return crosses(loop, advance, ground.goal, CROSSING_TIME_MAX)
+    return highest(passes, height) - height
 
 
 def run_evaluation(evaluation: Evaluation, folder: Path, pool: Executor, workers: int,

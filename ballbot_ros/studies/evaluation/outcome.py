@@ -62,7 +62,9 @@ class ObservedAttempt:
     edge: float        # last edge of the plan [m]
     plan: Tuple[float, ...]  # start, speed, swing position and angle; or the set speed
     height_margin: float = math.nan  # predicted [m]
-    swing_speed: float = math.nan  # at the swing, or at the touch without a swing [m/s]
+    # Position [m], speed [m/s] and pendulum angle [rad] before the swing, and before the touch of
+    # a step of any height.
+    before: Tuple[float, float, float] = (math.nan, math.nan, math.nan)
     same: bool = False  # same plan as one that has failed at this face
     over: Optional[bool] = None
     settled: float = 0.0  # time when `over` was determined [s]
@@ -111,7 +113,7 @@ class OutcomeMonitor:
         self._passed: Dict[float, bool] = {}  # edges of drops, and whether the ball was crossing
         self._resting_since = math.inf
         self._x, self._y = loop.state.x, loop.state.y
-        self._path: List[Tuple[float, float]] = []  # positions and speeds [m], [m/s]
+        self._path: List[Tuple[float, float, float]] = []  # see `ObservedAttempt.before`
         self.verdict = Verdict()
         self.last_event = 0.0  # time of the last event that justifies another decision [s]
 
@@ -122,7 +124,7 @@ class OutcomeMonitor:
         The decision was in force during these periods, which start at the time `before` [s].
         """
         state = self._loop.state
-        self._path.append((state.x, state.velocity_x))
+        self._path.append((state.x, state.velocity_x, state.pendulum_angle))
         self._decisions.append((before, self._x, decision))
         while self._decisions[0][0] < before - CANCELLATION_TIME - 1e-9:
             self._decisions.popleft()
@@ -224,14 +226,13 @@ class OutcomeMonitor:
             outlook.probability if outlook else math.nan, float(decision.last_edge(x)),
             (plan.start, plan.speed, plan.swing_position, plan.swing_angle) if plan
             else (decision.set_speed,), decision.height_margin,
-            self._speed_at(plan.swing_position, speed) if plan else speed)
+            self._before(min(face - self._radius, plan.swing_position if plan else math.inf)))
         attempt.same = any(same_plan(attempt, other) for other in attempts if other.over is False)
         attempts.append(attempt)
 
-    def _speed_at(self, x: float, touch_speed: float) -> float:
-        """Return the speed when the ball was last at or before x, or the touch speed [m/s]."""
-        return next((speed for place, speed in reversed(self._path) if place <= x),
-                    touch_speed) if math.isfinite(x) else touch_speed
+    def _before(self, x: float) -> Tuple[float, float, float]:
+        """Return the values of `ObservedAttempt.before` when the ball was last at or before x."""
+        return next((one for one in reversed(self._path) if one[0] <= x), self._path[0])
 
     def _settle_attempt(self, state: State) -> None:
         if not self.verdict.attempts or self.verdict.attempts[-1].over is not None:

@@ -8,7 +8,7 @@ touch.  The search uses the true robot parameters, unlike the decision.
 from concurrent.futures import Executor
 import math
 from pathlib import Path
-from typing import List, NamedTuple, Sequence, Tuple
+from typing import Callable, List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
@@ -51,9 +51,9 @@ MANOEUVRES: Tuple[Manoeuvre, ...] = tuple(
 
 
 def manoeuvre_crosses(loop: ClosedLoop, manoeuvre: Manoeuvre, touch: float, goal: float,
-                      level_angle: float, fastest: float = TOUCH_SPEED_MAX) -> bool:
+                      level_angle: float) -> bool:
     """
-    Return whether a ball crosses with a manoeuvre, without a touch faster than permitted [m/s].
+    Return whether a ball crosses with a manoeuvre, without a touch above `TOUCH_SPEED_MAX`.
 
     The loop is at the start of the run-up; `touch` and `goal` are the positions of the centre at
     the first touch, and beyond which the ball is over [m]; at the level angle of the pendulum, the
@@ -62,10 +62,22 @@ def manoeuvre_crosses(loop: ClosedLoop, manoeuvre: Manoeuvre, touch: float, goal
     swing = touch - manoeuvre.lead * manoeuvre.speed if manoeuvre.lead >= 0.0 else math.inf
     script: Script = (
         level_angle, RUN_UP_GAIN, manoeuvre.speed, RUN_UP_LEAN, swing, manoeuvre.angle)
+    return crosses(loop, lambda: loop.follow(script, CHUNK), goal,
+                   CROSSING_TIME_MAX + (goal - touch) / manoeuvre.speed, TOUCH_SPEED_MAX)
+
+
+def crosses(loop: ClosedLoop, advance: Callable[[], None], goal: float, time_limit: float,
+            fastest: float = math.inf) -> bool:
+    """
+    Return whether a ball crosses, without a touch faster than permitted [m/s].
+
+    `advance` is called until the ball is beyond the goal [m], makes no progress, or the simulated
+    time limit [s] has passed.
+    """
     best, since = -math.inf, 0.0
     try:
-        while loop.time < CROSSING_TIME_MAX + (goal - touch) / manoeuvre.speed:
-            loop.follow(script, CHUNK)
+        while loop.time < time_limit:
+            advance()
             x = loop.state.x
             if any(loop.watched[:, TOUCH_SPEED] > fastest):
                 return False
@@ -100,26 +112,39 @@ def possible(robot: Robot, ground: Ground, room_behind: float, nominal: Robot,
 
 def height_limit(robot: Robot, nominal: Robot, gains: ControlTuning, run_up: float,
                  manoeuvres: Sequence[Manoeuvre], slope: float = 0.0,
-                 fastest: float = TOUCH_SPEED_MAX, trial: float = HEIGHT_MIN) -> float:
+                 trial: float = HEIGHT_MIN) -> float:
     """
     Return the maximum step height that a robot crosses with one of some manoeuvres [m].
 
-    From rest at a run-up [m] before the touch, on a slope [rad], with a touch no faster than
-    `fastest` [m/s].  The bisection begins at the height `trial` [m]: a manoeuvre that crosses a
-    step may fail at a much lower one, where its swing is too early or too strong.
+    From rest at a run-up [m] before the touch, on a slope [rad].  See `highest` for `trial` [m].
+    """
+    angle = balanced_angle(robot, slope)
+
+    def passes(height: float) -> bool:
+        touch, ground = -touch_distance(robot.ball_radius, height), lay_step(
+            robot, height, 0.0, slope)
+        return any(manoeuvre_crosses(
+            ClosedLoop(robot, ground.terrain, nominal, gains, 0.0, angle, touch - run_up),
+            manoeuvre, touch, ground.goal, angle) for manoeuvre in manoeuvres)
+    return highest(passes, trial)
+
+
+def lay_step(robot: Robot, height: float, foot: float, slope: float) -> Ground:
+    """Return a step; the ball is over when its centre is half a radius beyond the edge."""
+    return lay('step', Shape('', [(0.0, height)], 0.5 * robot.ball_radius), foot, slope, None,
+               robot.surface_friction)
+
+
+def highest(passes: Callable[[float], bool], trial: float) -> float:
+    """
+    Return the maximum step height that passes [m].
+
+    The bisection begins at the height `trial` [m]: a manoeuvre that crosses a step may fail at a
+    much lower one, where its swing is too early or too strong.
     """
     low, high = 0.0, HEIGHT_MAX
-    angle = balanced_angle(robot, slope)
     while high - low > HEIGHT_RESOLUTION:
-        touch = -touch_distance(robot.ball_radius, trial)
-        ground = lay('step', Shape('', [(0.0, trial)], 0.5 * robot.ball_radius), 0.0, slope, None,
-                     robot.surface_friction)
-        if any(manoeuvre_crosses(
-                ClosedLoop(robot, ground.terrain, nominal, gains, 0.0, angle, touch - run_up),
-                manoeuvre, touch, ground.goal, angle, fastest) for manoeuvre in manoeuvres):
-            low = trial
-        else:
-            high = trial
+        low, high = (trial, high) if passes(trial) else (low, trial)
         trial = 0.5 * (low + high)
     return low
 

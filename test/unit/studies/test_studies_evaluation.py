@@ -13,9 +13,10 @@ from ballbot_ros.physics.model.terrain import Terrain
 from ballbot_ros.plant import SensorFaults
 from ballbot_ros.studies.evaluation.approaches import draw_approach, UNSEEN_ROOM
 from ballbot_ros.studies.evaluation.closed_loop import ClosedLoop
-from ballbot_ros.studies.evaluation.evaluation import Evaluation, FOLDER, run_evaluation
+from ballbot_ros.studies.evaluation.evaluation import (
+    Evaluation, FOLDER, may_cross, run_evaluation, true_margin)
 from ballbot_ros.studies.evaluation.outcome import OutcomeMonitor
-from ballbot_ros.studies.evaluation.run import run_with_log
+from ballbot_ros.studies.evaluation.run import run_approach, run_with_log
 from ballbot_ros.studies.evaluation.sensors import Camera, SensorModel, SimulatedSensor
 from ballbot_ros.studies.evaluation.terrains import Ground, KINDS, true_faces
 
@@ -222,3 +223,22 @@ def test_the_log_contains_the_terrain_and_the_outcome():
     lines, row = run_with_log(SMALL.approach('drawn', 2), 'cubic', NOMINAL, 0.5)
     text = '\n'.join(lines)
     assert 'true faces' in text and row['outcome'] in text and 'approach 2 of seed 0' in text
+
+
+def test_only_what_the_sensor_can_detect_before_it_freezes_may_be_crossed():
+    terrain = replace(draw_approach(NOMINAL, 0, 0, 'step'), sensor=SensorModel('terrain'),
+                      unseen_room=0.0)
+    assert may_cross(terrain)
+    assert not may_cross(replace(terrain, sensor=SensorModel('terrain', frozen_from=2.0)))
+    step = replace(terrain, sensor=SensorModel('step'))
+    assert not may_cross(step) and may_cross(replace(step, unseen_room=1.0))
+    ramp = draw_approach(NOMINAL, 0, 0, 'ramp', 'step')
+    assert not may_cross(replace(ramp, unseen_room=1.0))
+
+
+@pytest.mark.parametrize('number', [10, 22])
+def test_the_true_margin_of_a_crossed_step_is_not_negative(number):
+    limits = (0.05, 0.008), (0.15, 0.0195), (0.3, 0.0303), (0.5, 0.0408)
+    approach = Evaluation((), 6969, limits=limits).approach('crossable', number)
+    attempt, = run_approach(approach, 'rollout', NOMINAL)['attempts']
+    assert attempt['over'] and true_margin(approach, attempt, NOMINAL) >= 0.0
