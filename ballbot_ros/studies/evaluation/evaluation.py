@@ -89,7 +89,8 @@ def _run(evaluation: Evaluation, planner: str, group: str, number: int, search: 
     row['group'] = group
     if not search:
         return row
-    if row['crossable'] and may_cross(approach) and row['kind'] not in ('nothing', 'crossable'):
+    obstacle = row['crossable'] and row['kind'] not in ('nothing', 'crossable')
+    if obstacle and may_cross(approach, nominal):
         row['possible'] = row['outcome'] == 'over' or possible(
             approach.robot, approach.ground, approach.room_behind, nominal.robot, nominal.control)
     if row['kind'] in ('step', 'crossable'):
@@ -100,12 +101,14 @@ def _run(evaluation: Evaluation, planner: str, group: str, number: int, search: 
     return row
 
 
-def may_cross(approach: Approach) -> bool:
+def may_cross(approach: Approach, nominal: Knowledge) -> bool:
     """Return whether the decision may cross the obstacle, given what its sensor can observe."""
     faces = [face for face in true_faces(approach.ground.terrain) if face[0] > 0.0]
     # A step sensor detects no ramp, and its floor behind a step must be granted.
     seen = approach.sensor.kind != 'step' or approach.unseen_room > 0.0 and len(faces) > 0
-    return seen and approach.sensor.condition != 'frozen'  # which stops the ball
+    drop = len(faces) > 0 and faces[-1][3] < -nominal.tuning.highest_descent
+    # A frozen sensor stops the ball.
+    return seen and not drop and approach.sensor.condition != 'frozen'
 
 
 def refused_margin(approach: Approach, nominal: Knowledge) -> float:

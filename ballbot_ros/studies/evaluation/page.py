@@ -115,9 +115,9 @@ def page(report: Report, command: str) -> str:
     if missed['searched']:
         parts += [
             '## False refusals\n',
-            f'Of {missed["searched"]} approaches to an obstacle that may be crossed and that the '
-            'sensor detects without freezing, with floor behind it that the sensor observes or '
-            '`unseen_room` guarantees, a search '
+            f'Of {missed["searched"]} approaches to an obstacle that may be crossed (a step down '
+            'of up to `highest_descent`) and that the sensor detects without freezing, with floor '
+            'behind it that the sensor observes or `unseen_room` guarantees, a search '
             f'with the true robot crosses {missed["possible"]} (touch at 1.15 m/s or less, best '
             f'allowed start). `{first}` crossed {missed["crossed"]} of them and did not cross '
             f'{missed["missed"]}: '

@@ -225,15 +225,18 @@ def test_the_log_contains_the_terrain_and_the_outcome():
     assert 'true faces' in text and row['outcome'] in text and 'approach 2 of seed 0' in text
 
 
-def test_only_what_the_sensor_can_detect_before_it_freezes_may_be_crossed():
-    terrain = replace(draw_approach(NOMINAL, 0, 0, 'step'), sensor=SensorModel('terrain'),
-                      unseen_room=0.0)
-    assert may_cross(terrain)
-    assert not may_cross(replace(terrain, sensor=SensorModel('terrain', frozen_from=2.0)))
-    step = replace(terrain, sensor=SensorModel('step'))
-    assert not may_cross(step) and may_cross(replace(step, unseen_room=1.0))
-    ramp = draw_approach(NOMINAL, 0, 0, 'ramp', 'step')
-    assert not may_cross(replace(ramp, unseen_room=1.0))
+def test_only_what_the_sensor_detects_and_the_tuning_permits_may_be_crossed():
+    def may(approach, *sensor, unseen_room=1.0, **faults):
+        return may_cross(replace(approach, sensor=SensorModel(*sensor, **faults),
+                                 unseen_room=unseen_room), NOMINAL)
+    step, ramp = (draw_approach(NOMINAL, 0, 0, kind) for kind in ('step', 'ramp'))
+    assert may(step, 'terrain', unseen_room=0.0) and may(step, 'step') and may(ramp, 'terrain')
+    assert not may(step, 'step', unseen_room=0.0) and not may(ramp, 'step')
+    assert not may(step, 'terrain', frozen_from=2.0)
+    most = NOMINAL.tuning.highest_descent
+    for depth, allowed in ((most - 0.001, True), (most + 0.001, False)):
+        down = an_approach((-9.0, 0.0), (1.0, 0.0), (1.0, -depth), (9.0, -depth))
+        assert may(down, 'terrain') is allowed
 
 
 @pytest.mark.parametrize('number', [10, 22])
