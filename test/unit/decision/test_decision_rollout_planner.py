@@ -182,6 +182,15 @@ def test_a_step_down_is_crossed_where_floor_below_it_is_granted(unseen_room, kin
     assert (answer.kind, answer.reason) == (kind, reason)
 
 
+@pytest.mark.parametrize('unseen_room, slower', [(1.0, False), (0.9, True)])
+def test_a_step_down_is_crossed_below_cruise_speed_if_the_ball_then_stops_in_time(
+        unseen_room, slower):
+    knowledge = replace(KNOWLEDGE, tuning=replace(TUNING, unseen_room=unseen_room))
+    answer = decide(step(-0.04), knowledge=knowledge)
+    assert (answer.kind, answer.reason) == (Kind.CROSS, Reason.LIKELY)
+    assert (answer.plan.speed < TUNING.cruise_speed) is slower
+
+
 def test_a_plan_that_falls_in_one_world_is_not_selected():
     assert good(Tally(over=199.0, stuck=1.0), 0.9)
     assert good(Tally(over=199.0, stuck=1.0, beyond=4.0), 0.9)

@@ -20,7 +20,7 @@ from ballbot_ros.decision.planning.face_planner import Choice, POSITION_TOLERANC
 from ballbot_ros.decision.planning.rollout.rollout import TOUCH_SPEED
 from ballbot_ros.decision.planning.rollout.search import (
     candidates, confirm, from_farther_back, good, height_limit, highest_step, passing, search,
-    Task, Trial, why_not)
+    slower, Task, Trial, why_not)
 from ballbot_ros.decision.planning.rollout.worlds import Tally, Worlds
 from ballbot_ros.decision.planning.situation import Knowledge, Situation
 from ballbot_ros.decision.tuning import DecisionTuning
@@ -70,12 +70,15 @@ def deliberate(task: Task, tuning: DecisionTuning, room_behind: float,
     chosen = yield from search(_promising(here, failures), task, trials)
     if chosen is None:
         chosen = present
-    if chosen is None and room_behind > 0.1 and not task.too_late:
-        back = from_farther_back(task.ahead, position, room_behind, tuning)
-        # Separate from the trials that were not sufficient from here.
-        farther: List[Trial] = []
-        chosen = yield from search(_promising(back, failures), task, farther)
-        trials += farther
+    further = slower(task.ahead, tuning)
+    if room_behind > 0.1:
+        further.append(from_farther_back(task.ahead, position, room_behind, tuning))
+    for plans in further:
+        if chosen is None and not task.too_late:
+            # Separate from the trials that were not sufficient before.
+            own: List[Trial] = []
+            chosen = yield from search(_promising(plans, failures), task, own)
+            trials += own
     if task.too_late and (chosen is None or chosen.candidate.back > 0.0):
         chosen = _best([trial for trial in trials if trial.candidate.back == 0.0])
         if chosen is not None:

@@ -10,6 +10,9 @@ not used for the selection, so that the predicted probability has no selection b
 A search is a generator: it yields after each batch of rollouts, so that the budget of a decision
 is counted in rollouts, not in time.
 
+If no candidate from here is sufficient, slower ones are searched, fastest first: after a descent,
+the ball stops in less room.
+
 A candidate is an approach under the speed law up to a speed, and a swing of the pendulum to an
 angle at a distance before the touch, held until the edge is passed.  Plans with these three
 parameters come within 2 mm of the highest steps that any plan was found to cross, and the same
@@ -30,7 +33,7 @@ from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import After, Strategy
 from ballbot_ros.physics.model.terrain import Array
 
-SPEEDS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1)  # [m/s]
+SPEEDS = (0.1, 0.2, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1)  # [m/s]
 SWINGS = (0.1, 0.2, 0.3, 0.42, 0.6, 0.9)  # before the touch [m]
 ANGLES = (1.5, 2.2)  # [rad]
 # Minimum speed gain of an acceleration [m/s].
@@ -75,6 +78,13 @@ def candidates(ahead: Ahead, position: float, speed: float, tuning: DecisionTuni
                             tuning)
     return [replace(item, strategy=Strategy.CARRY) if item.end(ahead).faces > 1 else item
             for item in found]
+
+
+def slower(ahead: Ahead, tuning: DecisionTuning) -> List[List[Candidate]]:
+    """Return plans below cruise speed, after which the ball stops in less room, fastest first."""
+    return [[Candidate(Strategy.CARRY if end.faces > 1 else Strategy.CRUISE, speed,
+                       length=ahead.length(end)) for end in ahead.ends]
+            for speed in reversed(SPEEDS) if speed < tuning.cruise_speed - SPEED_GAIN_MIN]
 
 
 def swings(plain: Candidate, run_up: float, tuning: DecisionTuning) -> List[Candidate]:
