@@ -183,6 +183,13 @@ def test_a_drop_too_near_behind_the_edge_is_a_fall():
     assert 0.2 < results[1][REST] < 2.0
 
 
+def test_the_simulated_stop_on_a_slope_that_is_too_steep_ends_with_the_ground():
+    ahead = ahead_of(-1.2, Face(1, 0.0, -0.02, 0.0, 0.0), slope=-0.2)
+    plan = plan_row(Candidate(Strategy.CRUISE, 0.4), ahead)
+    result = WORLDS.attempt((-1.2, 0.4, 0.0, 0.0), [plan], world(GIMBALL), ahead)[0, 0]
+    assert ahead.room_to < ahead.shape[-1, 0] <= result[REST] < ahead.shape[-1, 0] + 0.1
+
+
 def test_a_plan_carries_the_ball_over_two_edges():
     ahead = ahead_of(-1.4, Face(1, 0.0, 0.015, 0.0, 0.0), Face(2, 0.3, 0.015, 0.0, 0.0))
     assert [end.faces for end in ahead.ends] == [1, 2]

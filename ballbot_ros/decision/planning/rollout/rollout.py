@@ -62,7 +62,7 @@ DRAW = PLACE + FACES_MAX
 VERDICT = 0
 TOUCH_SPEED = 1   # when the ball first touches a face [m/s]; NaN if it does not
 TOUCH_ANGLE = 2   # of the pendulum at that time [rad]
-REST = 3          # farthest position of the centre if stopped behind the last edge [m]
+REST = 3          # where it stops behind the last edge, at most the end of the ground [m]
 PASSED_SPEED = 4  # when the centre has passed the last edge [m/s]; NaN if it does not
 RESULT = 5
 
@@ -320,11 +320,12 @@ def height_above(state: Array, robot: Parameters, ground: Array) -> float:
 
 @compiled
 def rest_position(state: Array, robot: Parameters, drive: Drive, ground: Array) -> float:
-    """Return the stop position of a ball that brakes with full lean [m]."""
+    """Return the stop position under full lean, at most the end of the ground [m]."""
     now = Rolling(state[X], state[VELOCITY_X], state[PENDULUM_ANGLE], state[PENDULUM_RATE])
     order = (drive.emergency_lean, drive.emergency_lean, drive.reaction, 0.0, 0.0, -math.inf,
              math.inf, 0.0, -math.inf, 0.0)
-    now, _ = roll_until(math.inf, 0.0, now, order, robot, drive, ground)
+    now, _ = roll_until(
+        ground[len(ground) - 1, VERTEX_X], 0.0, now, order, robot, drive, ground)
     return now.position
 
 
