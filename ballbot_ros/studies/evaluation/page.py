@@ -48,7 +48,7 @@ the nominal robot file. `ballbot_ros/studies/evaluation/outcome.py` defines the 
 def table_of_planners(planners: Mapping[str, Any]) -> List[str]:
     """Return the outcomes of each planner per thousand approaches."""
     titles = ('planner', 'approaches', *(f'{name} per 1,000' for name in (*GOOD, *BAD)),
-              'crossed of the crossable steps', 'mean ms per decision', 'worst ms')
+              'crossed of the crossable steps', 'mean CPU ms per decision', 'worst CPU ms')
     return markdown(titles, ((
         name, one['approaches'],
         *(f'{1e3 * one["outcomes"].get(outcome, 0) / max(one["approaches"], 1):.0f}'
