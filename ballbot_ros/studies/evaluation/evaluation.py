@@ -129,8 +129,7 @@ def true_margin(approach: Approach, attempt: Dict[str, Any], nominal: Knowledge)
     robot, slope = approach.robot, approach.ground.slope
     face: float = attempt['face']
     height = float(approach.ground.terrain.height(face + 1e-6)) - math.tan(slope) * face
-    speed, swing, angle = attempt['plan'][1:] if len(attempt['plan']) == 4 else (
-        *attempt['plan'], None, 0.0)
+    _, speed, swing, angle = attempt['plan']
     order = Decision(Kind.CROSS, Reason.COMMITTED, speed, '', plan=Plan(
         Strategy.CRUISE, speed=speed, swing_position=math.inf if swing is None else swing,
         swing_angle=angle, edge=attempt['edge']))

@@ -60,7 +60,7 @@ class ObservedAttempt:
     strategy: str
     probability: float  # predicted; NaN for none
     edge: float        # last edge of the plan [m]
-    plan: Tuple[float, ...]  # start, speed, swing position and angle; or the set speed
+    plan: Tuple[float, float, float, float]  # start, speed, swing position and angle
     height_margin: float = math.nan  # predicted [m]
     # Position [m], speed [m/s] and pendulum angle [rad] before the swing, and before the touch of
     # a step of any height.
@@ -79,8 +79,6 @@ def same_plan(one: ObservedAttempt, other: ObservedAttempt) -> bool:
     """Return whether two attempts at a face have the same plan."""
     if abs(one.face - other.face) > SAME_FACE or one.strategy != other.strategy:
         return False
-    if len(one.plan) == 1:
-        return abs(one.plan[0] - other.plan[0]) < 0.05
     tolerances = (0.1, 0.05, 0.03, 0.1)
     return all(a == b or abs(a - b) < within
                for a, b, within in zip(one.plan, other.plan, tolerances))
@@ -220,13 +218,12 @@ class OutcomeMonitor:
         if attempts and attempts[-1].over is None:
             return
         _, x, decision = self._decisions[-1]
-        plan, outlook = decision.plan, decision.outlook
+        plan = decision.plan
         attempt = ObservedAttempt(
-            when, self._loop.state.x, face, speed, plan.strategy.value if plan else '',
-            outlook.probability if outlook else math.nan, float(decision.last_edge(x)),
-            (plan.start, plan.speed, plan.swing_position, plan.swing_angle) if plan
-            else (decision.set_speed,), decision.height_margin,
-            self._before(min(face - self._radius, plan.swing_position if plan else math.inf)))
+            when, self._loop.state.x, face, speed, plan.strategy.value,
+            decision.outlook.probability, float(decision.last_edge(x)),
+            (plan.start, plan.speed, plan.swing_position, plan.swing_angle),
+            decision.height_margin, self._before(min(face - self._radius, plan.swing_position)))
         attempt.same = any(same_plan(attempt, other) for other in attempts if other.over is False)
         attempts.append(attempt)
 
