@@ -143,7 +143,9 @@ class Decider:
         if self.motion is None:
             raise RuntimeError('decide was called before move')
         self._fusion.fuse()
-        motion = self._pilot.estimate(self.motion, self._watch.attempt is not None)
+        attempt = self._watch.attempt
+        motion = self._pilot.estimate(
+            self.motion, None if attempt is None else attempt.face.position)
         memory, profile = self._memory, self._fusion.at(motion) or UNSEEN
         memory.move(motion, profile)
         situation = Situation(motion, profile, tuple(memory.failures), memory.free_from,

@@ -141,16 +141,17 @@ class Pilot:
         self._stamp = 0.0
         self._angle = 0.0
         self._stand, self._back = math.inf, -math.inf
-        self._slope, self._estimated, self._touched = 0.0, math.nan, -math.inf
+        self._slope, self._estimated = 0.0, math.nan
+        self._touched, self._step = -math.inf, -math.inf  # time [s] and position [m] of the step
         # Before the first motion, all slopes on which the ball can be held are equally probable.
         self._slope_error = steepest_slope(
             self._tuning.largest_lean, self._law) / math.sqrt(3.0)
 
-    def estimate(self, motion: Motion, touching: bool) -> Motion:
+    def estimate(self, motion: Motion, step: Optional[float]) -> Motion:
         """
         Return a motion with the modelled pendulum state and the estimated slope of the ground.
 
-        A step that the ball is `touching` is not a slope.
+        The step at the position `step` [m] that the ball touches, if any, is not a slope.
         """
         if self._state is not None:
             motion = replace(
@@ -158,16 +159,20 @@ class Pilot:
                 pendulum_rate=(self._angle - self._state.predicted) / SpeedLaw(*self._law).lag,
                 slope=estimated_slope(self._state, self._law))
         if motion.is_plausible:
-            if touching:
-                self._touched = motion.stamp
+            if step is not None:
+                self._touched, self._step = motion.stamp, step
             passed = motion.stamp - self._estimated
-            if motion.stamp - self._touched > SLOPE_TIME_CONSTANT and passed > 0.0:
+            if not self._has_touched(motion) and passed > 0.0:
                 weight = min(1.0, passed / SLOPE_TIME_CONSTANT)
                 self._slope += (motion.slope - self._slope) * weight
                 self._slope_error -= self._slope_error * weight
             self._estimated = motion.stamp
         return replace(motion, slope=self._slope, slope_sd=math.hypot(
             SLOPE_SD, self._slope_error))
+
+    def _has_touched(self, motion: Motion) -> bool:
+        """Return whether the ball touches a step, or did so a short time ago."""
+        return motion.stamp - self._touched <= SLOPE_TIME_CONSTANT
 
     def angle(self, decision: Decision, motion: Motion) -> float:
         """
@@ -189,6 +194,11 @@ class Pilot:
             return self._angle
         else:
             period = min(max(motion.stamp - self._stamp, PERIOD_MIN), PERIOD_MAX)
+        if decision.kind is not Kind.CROSS and self._has_touched(motion) \
+                and motion.position < self._step:
+            # The force of the step on the ball is not the resistance of a slope.
+            self._state = self._state._replace(
+                resistance=SpeedLaw(*self._law).weight_torque * math.sin(motion.slope))
         order = self._order(decision, motion)
         self._stamp = motion.stamp
         self._state, self._angle = pilot_step(

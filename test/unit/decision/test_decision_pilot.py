@@ -6,6 +6,7 @@ import math
 import pytest
 
 from ballbot_ros.control import load_tuning
+from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision import (
     Decision, Kind, Knowledge, load_curve, load_decision_tuning, Motion, Pilot, Plan, Reason,
     Strategy)
@@ -30,7 +31,7 @@ def stop_at(position, speed=0.8):
 def test_the_slope_is_unknown_before_the_ball_has_moved_for_some_seconds():
     pilot, found, steady = Pilot(KNOWLEDGE), [], replace(CRUISE, set_speed=0.4)
     for index in range(250):
-        motion = pilot.estimate(Motion(0.02 * index, 0.008 * index, 0.4), False)
+        motion = pilot.estimate(Motion(0.02 * index, 0.008 * index, 0.4), None)
         pilot.angle(steady, motion)
         found.append(motion.slope_sd)
     assert found[0] > 0.03 and found == sorted(found, reverse=True) and found[-1] < 0.011
@@ -38,13 +39,18 @@ def test_the_slope_is_unknown_before_the_ball_has_moved_for_some_seconds():
 
 def drive(slope_deg, decide, seconds=8.0):
     """Return (time, x, speed, pendulum angle) at 50 Hz; `decide` maps time to a decision."""
-    loop = ClosedLoop(GIMBALL, Terrain.slope(math.radians(slope_deg)), GIMBALL,
-                      load_tuning('published'), 0.0, 0.0)
+    return drive_on(Terrain.slope(math.radians(slope_deg)), decide, seconds)
+
+
+def drive_on(terrain, decide, seconds, speed=0.0, touched=lambda x: None):
+    """Return the log of `drive`; `touched` maps a position to that of the step touched there."""
+    loop = ClosedLoop(GIMBALL, terrain, GIMBALL, load_tuning('published'), speed, 0.0)
     pilot, log = Pilot(KNOWLEDGE), []
     for _ in range(int(50 * seconds)):
         state = loop.state
         log.append((state.time, state.x, state.velocity_x, state.pendulum_angle))
-        loop.advance(pilot.angle(decide(state.time), Motion(*log[-1][:3])), 10)
+        motion = pilot.estimate(Motion(*log[-1][:3]), touched(state.x))
+        loop.advance(pilot.angle(decide(state.time), motion), 10)
     return log
 
 
@@ -131,10 +137,44 @@ def test_the_same_stamp_gets_the_same_angle():
 def test_slope_estimates_at_a_step_are_ignored():
     pilot = Pilot(KNOWLEDGE)
 
-    def estimated(since, count, slope, touching=False):
-        return [pilot.estimate(Motion(since + 0.02 * index, 0.0, 0.4, slope=slope), touching).slope
+    def estimated(since, count, slope, step=None):
+        return [pilot.estimate(Motion(since + 0.02 * index, 0.0, 0.4, slope=slope), step).slope
                 for index in range(count)][-1]
     assert estimated(0.0, 300, 0.03) == pytest.approx(0.03, abs=0.002)
-    estimated(6.0, 50, 0.3, touching=True)
+    estimated(6.0, 50, 0.3, step=0.1)
     assert estimated(7.0, 45, -0.2) == pytest.approx(0.03, abs=0.002)
     assert estimated(8.0, 200, -0.02) == pytest.approx(-0.02, abs=0.005)
+
+
+@pytest.mark.parametrize('speed', [0.3, 0.5])
+def test_a_ball_that_rebounds_from_a_step_does_not_touch_it_again(speed):
+    """The observer of the speed law must not take the force of the step for a slope."""
+    height = 0.03
+    touch = 0.8 - touch_distance(GIMBALL.ball_radius, height)
+    cross = Decision(Kind.CROSS, Reason.COMMITTED, speed, '', plan=Plan(
+        Strategy.CRUISE, speed=speed, edge=0.82))
+    bounced = []
+
+    def decide(now):
+        return stop_at(touch - 0.25, 0.0) if bounced else cross
+
+    def touched(x):
+        reached.append(x)
+        if max(reached) > touch and x < max(reached) - 0.03:
+            bounced.append(len(reached))
+        return 0.8 if max(reached) > touch and not bounced else None
+    reached = []
+    terrain = Terrain([[-5.0, 0.0], [0.8, 0.0], [0.8, height], [5.0, height]])
+    log = drive_on(terrain, decide, 8.0, speed, touched)
+    assert bounced
+    assert max(speed for _, _, speed, _ in log[bounced[0]:]) < 0.02
+    assert log[-1][1] == pytest.approx(touch - 0.25, abs=0.02)
+
+
+def test_a_ball_between_the_two_sides_of_a_trench_comes_to_rest():
+    touch, depth = touch_distance(GIMBALL.ball_radius, 0.014), -0.014
+    terrain = Terrain([[-5.0, 0.0], [-0.095, 0.0], [-0.095, depth], [0.095, depth], [0.095, 0.0],
+                       [5.0, 0.0]])
+    log = drive_on(terrain, lambda now: STOP, 6.0, 0.3,
+                   lambda x: 0.095 if x > 0.095 - touch else None)
+    assert max(abs(speed) for time, _, speed, _ in log if time > 5.0) < 0.02
