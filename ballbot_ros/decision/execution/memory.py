@@ -13,9 +13,8 @@ from ballbot_ros.decision.values import (
 FAILURES_MAX = 20
 # A ball that rolls back keeps this distance from a face that it has passed [m].
 EDGE_CLEARANCE = 0.05
-# The ball is stuck with less progress than this [m] within this time [s], at a commanded speed of
-# at least the third value [m/s].
-PROGRESS_MIN, PROGRESS_TIMEOUT, COMMANDED_SPEED_MIN = 0.05, 2.5, 0.1
+# The ball is stuck at the largest lean with less progress than this [m] within this time [s].
+PROGRESS_MIN, PROGRESS_TIMEOUT = 0.05, 2.5
 # The slope is too steep if the ball, commanded forward, rolls back at this speed [m/s] for this
 # time [s] and distance [m]; the slope estimate alone is too slow.
 BACKWARD_SPEED_MIN, BACKWARD_TIME_MIN, BACKWARD_DISTANCE_MIN = 0.05, 1.0, 0.15
@@ -86,13 +85,14 @@ class Memory:
             self.failures.append(failure)
             self._free_from += SLIP_MAX
 
-    def watch(self, motion: Motion, decision: Decision) -> None:
+    def watch(self, motion: Motion, decision: Decision, at_largest_lean: bool) -> None:
         """
         Detect missing progress under the executed decision.
 
         An undetected step, or a slope that is too steep, sets `obstruction` for the next decision.
+        `at_largest_lean`: see `Pilot`.
         """
-        if not decision.forward_speed >= COMMANDED_SPEED_MIN \
+        if not decision.forward_speed > 0.0 \
                 or decision.contact_since is not None or not motion.is_plausible:
             self._rest()
             return
@@ -105,7 +105,7 @@ class Memory:
                 and position < self._best[0] - BACKWARD_DISTANCE_MIN:
             # After a bounce the ball rolls back, too, but not for this long.
             self._obstruct(self._best[0], Reason.STEEP)
-        elif now - self._best[1] >= PROGRESS_TIMEOUT:
+        elif at_largest_lean and now - self._best[1] >= PROGRESS_TIMEOUT:
             self._obstruct(self._best[0], Reason.STUCK)
 
     def _obstruct(self, position: float, reason: Reason) -> None:

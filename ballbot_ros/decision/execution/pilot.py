@@ -170,6 +170,15 @@ class Pilot:
         return replace(motion, slope=self._slope, slope_sd=math.hypot(
             SLOPE_SD, self._slope_error))
 
+    @property
+    def at_largest_lean(self) -> bool:
+        """
+        Return whether the ball needs the largest lean to move forward or to hold its position.
+
+        The estimated slope is then the steepest one that this lean holds, within `SLOPE_SD`.
+        """
+        return self._slope > steepest_slope(self._tuning.emergency_lean, self._law) - SLOPE_SD
+
     def _has_touched(self, motion: Motion) -> bool:
         """Return whether the ball touches a step, or did so a short time ago."""
         return motion.stamp - self._touched <= SLOPE_TIME_CONSTANT

@@ -97,23 +97,26 @@ def test_a_failure_is_found_by_its_position_despite_another_number_and_height():
     assert failures(memory, STEP) == []
 
 
-@pytest.mark.parametrize('speed, seconds, reason', [
-    (0.0, 2.6, Reason.STUCK), (-0.2, 1.1, Reason.STEEP), (0.0, 2.3, None),
-    (-0.2, 0.9, None), (-0.07, 1.5, None)])
-def test_a_lack_of_progress_is_detected(speed, seconds, reason):
+@pytest.mark.parametrize('speed, seconds, at_largest_lean, reason', [
+    (0.0, 2.6, True, Reason.STUCK), (-0.2, 1.1, True, Reason.STEEP), (0.0, 2.3, True, None),
+    (-0.2, 0.9, True, None), (-0.07, 1.5, True, None), (-0.2, 1.1, False, Reason.STEEP),
+    (0.0, 20.0, False, None)])
+def test_a_lack_of_progress_is_detected(speed, seconds, at_largest_lean, reason):
     memory = Memory(TUNING, RADIUS)
     for index in range(int(seconds * 50)):
         now = 0.02 * index
         # The ball rocks by a few centimetres.
-        memory.watch(Motion(now, 0.5 + speed * now + 0.02 * math.sin(5.0 * now), speed), DRIVING)
+        memory.watch(Motion(now, 0.5 + speed * now + 0.02 * math.sin(5.0 * now), speed), DRIVING,
+                     at_largest_lean)
     assert (None if memory.obstruction is None else memory.obstruction.reason) is reason
 
 
 @pytest.mark.parametrize('kind', [Kind.STOP, Kind.GO_ROUND])
-def test_an_obstruction_before_the_stop_position_ends_the_approach_to_it(kind):
-    memory, decision = Memory(TUNING, RADIUS), replace(DRIVING, kind=kind, set_speed=0.15)
+@pytest.mark.parametrize('speed', [0.15, 0.003])
+def test_an_obstruction_before_the_stop_position_ends_the_approach_to_it(kind, speed):
+    memory, decision = Memory(TUNING, RADIUS), replace(DRIVING, kind=kind, set_speed=speed)
     for index in range(130):
-        memory.watch(Motion(0.02 * index, 0.5, 0.0), decision)
+        memory.watch(Motion(0.02 * index, 0.5, 0.0), decision, True)
     assert memory.obstruction.reason is Reason.STUCK
     answer = StopLines(KNOWN).filtered(decision, Situation(
         Motion(2.6, 0.5, 0.0), Profile(2.6), free_from=0.48, obstruction=memory.obstruction))
@@ -123,21 +126,21 @@ def test_an_obstruction_before_the_stop_position_ends_the_approach_to_it(kind):
 
 @pytest.mark.parametrize('decision', [
     replace(DRIVING, kind=Kind.STOP, set_speed=0.0), replace(DRIVING, kind=Kind.BACK_OFF),
-    replace(DRIVING, set_speed=0.05), replace(DRIVING, kind=Kind.CROSS, contact_since=0.0)])
+    replace(DRIVING, kind=Kind.CROSS, contact_since=0.0)])
 def test_a_ball_without_a_forward_command_or_in_contact_is_not_stuck(decision):
     memory = Memory(TUNING, RADIUS)
     for index in range(400):
-        memory.watch(Motion(0.02 * index, 0.5, 0.0), decision)
+        memory.watch(Motion(0.02 * index, 0.5, 0.0), decision, True)
     assert memory.obstruction is None
 
 
 def test_a_ball_with_progress_is_not_stuck_and_clears_an_obstruction_that_it_passes():
     memory = Memory(TUNING, RADIUS)
     for index in range(500):
-        memory.watch(Motion(0.02 * index, 0.0005 * index, 0.025), DRIVING)
+        memory.watch(Motion(0.02 * index, 0.0005 * index, 0.025), DRIVING, True)
     assert memory.obstruction is None
     for index in range(200):
-        memory.watch(Motion(20.0 + 0.02 * index, 0.3, 0.0), DRIVING)
+        memory.watch(Motion(20.0 + 0.02 * index, 0.3, 0.0), DRIVING, True)
     assert memory.obstruction.position == pytest.approx(0.3)
     moved(memory, 0.39)
     assert memory.obstruction is not None

@@ -42,10 +42,10 @@ def drive(slope_deg, decide, seconds=8.0):
     return drive_on(Terrain.slope(math.radians(slope_deg)), decide, seconds)
 
 
-def drive_on(terrain, decide, seconds, speed=0.0, touched=lambda x: None):
+def drive_on(terrain, decide, seconds, speed=0.0, touched=lambda x: None, pilot=None):
     """Return the log of `drive`; `touched` maps a position to that of the step touched there."""
     loop = ClosedLoop(GIMBALL, terrain, GIMBALL, load_tuning('published'), speed, 0.0)
-    pilot, log = Pilot(KNOWLEDGE), []
+    pilot, log = pilot or Pilot(KNOWLEDGE), []
     for _ in range(int(50 * seconds)):
         state = loop.state
         log.append((state.time, state.x, state.velocity_x, state.pendulum_angle))
@@ -178,3 +178,17 @@ def test_a_ball_between_the_two_sides_of_a_trench_comes_to_rest():
     log = drive_on(terrain, lambda now: STOP, 6.0, 0.3,
                    lambda x: 0.095 if x > 0.095 - touch else None)
     assert max(abs(speed) for time, _, speed, _ in log if time > 5.0) < 0.02
+
+
+@pytest.mark.parametrize('slope_deg, cord, largest', [
+    (0.0, 0.01, True), (0.0, 0.05, True), (3.0, None, False), (-3.0, None, False)])
+def test_only_an_obstruction_before_the_stop_position_requires_the_largest_lean(
+        slope_deg, cord, largest):
+    pilot, rise = Pilot(KNOWLEDGE), math.tan(math.radians(slope_deg))
+    place, points = 0.6 + touch_distance(GIMBALL.ball_radius, 0.008), []
+    if cord is not None:
+        points = [[place - cord, 0.0], [place - cord, 0.008], [place - cord + 0.008, 0.008],
+                  [place - cord + 0.008, 0.0]]
+    drive_on(Terrain([[-5.0, -5.0 * rise], *points, [5.0, 5.0 * rise]]),
+             lambda now: stop_at(0.6, 0.2), 15.0, pilot=pilot)
+    assert pilot.at_largest_lean is largest
