@@ -157,7 +157,7 @@ class Decider:
             memory.take(self.outcome)
             self._learner.take(self.outcome)
         self._learner.advance(LEARNING_ROLLOUTS_PER_DECISION)
-        memory.watch(motion, decision, self._pilot.at_largest_lean)
+        memory.watch(motion, decision, self._pilot.at_emergency_lean)
         self.end = self.goals.update(planned, motion, self.outcome)
         return Answer(motion.stamp, decision, self._pilot.angle(
             decision, replace(motion, slope=situation.slope)))

@@ -13,7 +13,7 @@ from ballbot_ros.decision.values import (
 FAILURES_MAX = 20
 # A ball that rolls back keeps this distance from a face that it has passed [m].
 EDGE_CLEARANCE = 0.05
-# The ball is stuck at the largest lean with less progress than this [m] within this time [s].
+# The ball is stuck at `emergency_lean` with less progress than this [m] within this time [s].
 PROGRESS_MIN, PROGRESS_TIMEOUT = 0.05, 2.5
 # The slope is too steep if the ball, commanded forward, rolls back at this speed [m/s] for this
 # time [s] and distance [m]; the slope estimate alone is too slow.
@@ -85,12 +85,12 @@ class Memory:
             self.failures.append(failure)
             self._free_from += SLIP_MAX
 
-    def watch(self, motion: Motion, decision: Decision, at_largest_lean: bool) -> None:
+    def watch(self, motion: Motion, decision: Decision, at_emergency_lean: bool) -> None:
         """
         Detect missing progress under the executed decision.
 
         An undetected step, or a slope that is too steep, sets `obstruction` for the next decision.
-        `at_largest_lean`: see `Pilot`.
+        `at_emergency_lean`: see `Pilot`.
         """
         if not decision.forward_speed > 0.0 \
                 or decision.contact_since is not None or not motion.is_plausible:
@@ -105,7 +105,7 @@ class Memory:
                 and position < self._best[0] - BACKWARD_DISTANCE_MIN:
             # After a bounce the ball rolls back, too, but not for this long.
             self._obstruct(self._best[0], Reason.STEEP)
-        elif at_largest_lean and now - self._best[1] >= PROGRESS_TIMEOUT:
+        elif at_emergency_lean and now - self._best[1] >= PROGRESS_TIMEOUT:
             self._obstruct(self._best[0], Reason.STUCK)
 
     def _obstruct(self, position: float, reason: Reason) -> None:

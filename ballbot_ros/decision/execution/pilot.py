@@ -171,11 +171,11 @@ class Pilot:
             SLOPE_SD, self._slope_error))
 
     @property
-    def at_largest_lean(self) -> bool:
+    def at_emergency_lean(self) -> bool:
         """
-        Return whether the ball needs the largest lean to move forward or to hold its position.
+        Return whether the ball needs `emergency_lean` to move forward or to hold its position.
 
-        The estimated slope is then the steepest one that this lean holds, within `SLOPE_SD`.
+        The estimated slope is then the steepest one that this lean can hold, within `SLOPE_SD`.
         """
         return self._slope > steepest_slope(self._tuning.emergency_lean, self._law) - SLOPE_SD
 

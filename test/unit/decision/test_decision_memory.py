@@ -97,17 +97,17 @@ def test_a_failure_is_found_by_its_position_despite_another_number_and_height():
     assert failures(memory, STEP) == []
 
 
-@pytest.mark.parametrize('speed, seconds, at_largest_lean, reason', [
+@pytest.mark.parametrize('speed, seconds, at_emergency_lean, reason', [
     (0.0, 2.6, True, Reason.STUCK), (-0.2, 1.1, True, Reason.STEEP), (0.0, 2.3, True, None),
     (-0.2, 0.9, True, None), (-0.07, 1.5, True, None), (-0.2, 1.1, False, Reason.STEEP),
     (0.0, 20.0, False, None)])
-def test_a_lack_of_progress_is_detected(speed, seconds, at_largest_lean, reason):
+def test_a_lack_of_progress_is_detected(speed, seconds, at_emergency_lean, reason):
     memory = Memory(TUNING, RADIUS)
     for index in range(int(seconds * 50)):
         now = 0.02 * index
         # The ball rocks by a few centimetres.
         memory.watch(Motion(now, 0.5 + speed * now + 0.02 * math.sin(5.0 * now), speed), DRIVING,
-                     at_largest_lean)
+                     at_emergency_lean)
     assert (None if memory.obstruction is None else memory.obstruction.reason) is reason
 
 

@@ -191,4 +191,4 @@ def test_only_an_obstruction_before_the_stop_position_requires_the_largest_lean(
                   [place - cord + 0.008, 0.0]]
     drive_on(Terrain([[-5.0, -5.0 * rise], *points, [5.0, 5.0 * rise]]),
              lambda now: stop_at(0.6, 0.2), 15.0, pilot=pilot)
-    assert pilot.at_largest_lean is largest
+    assert pilot.at_emergency_lean is largest
