@@ -17,8 +17,8 @@ from ballbot_ros.physics.model.terrain import Array
 
 # A steeper segment is a face, not a ramp: no ball of this kind rolls up 11 degrees.
 FACE_GRADE_MIN = 0.2
-# A piece whose grade exceeds those on both sides by this, up to this length [m], is a blurred
-# face.
+# The grade of a face exceeds those on both sides by this; a piece that is not as steep as
+# `FACE_GRADE_MIN` is a blurred face up to this length [m].
 BLURRED_GRADE_MIN, BLURRED_LENGTH_MAX = 0.06, 0.065
 # Maximum slope difference within one line, in addition to its uncertainty.
 LINE_BEND_MAX = 0.01
@@ -221,7 +221,7 @@ def ground_of(found: ElevationMap, stamp: float, position: float, radius: float,
     Return the ground of a map around a ball, its faces without numbers; may be empty.
 
     The stamp is that of the latest scan [s].  The `edges` are known faces: they are measured at
-    their positions, and only the test of `HEIGHT_EXIT` applies to them.
+    their positions, and remain faces above `HEIGHT_EXIT` and `BLURRED_GRADE_MIN`.
     """
     known = np.flatnonzero(found.known & ~spanned(found, radius))
     # Neighbouring nodes are interpolated between the same points.
@@ -344,8 +344,9 @@ def _assemble(nodes: Nodes, pieces: List[Piece], edges: Sequence[Piece], datum: 
             put(face.position + face.run, *high)
             known = any(edge.sign == piece.sign and piece.begin <= edge.begin
                         and edge.end <= piece.end for edge in edges)
-            if piece.sign * excess > (HEIGHT_EXIT if known else max(
-                    HEIGHT_ENTRY, FACE_SIGMAS * math.sqrt(low[1] + high[1]))):
+            least = HEIGHT_EXIT if known else max(
+                HEIGHT_ENTRY, FACE_SIGMAS * math.sqrt(low[1] + high[1]))
+            if piece.sign * excess > max(least, BLURRED_GRADE_MIN * face.run):
                 faces.append(face)
             continue
         if number == 0:

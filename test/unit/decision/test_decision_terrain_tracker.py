@@ -8,9 +8,10 @@ import pytest
 from tiers import slow
 
 from ballbot_ros.decision import (
-    DecisionTuning, Motion, ProfileTracker, Reason, TerrainObservation)
+    DecisionTuning, Face, Motion, ProfileTracker, Reason, TerrainObservation)
 from ballbot_ros.decision.perception import GroundFusion
-from ballbot_ros.decision.perception.elevation import CELL, ElevationMap, medians, Scan
+from ballbot_ros.decision.perception.elevation import CELL, ElevationMap, medians, resample, Scan
+from ballbot_ros.decision.perception.ground import ground_of
 from ballbot_ros.physics import Terrain
 from ballbot_ros.physics.model.robot import load_robot
 from ballbot_ros.plant import SensorFaults, TerrainSensor
@@ -93,6 +94,23 @@ def test_a_face_slightly_above_the_noise_stays_once_it_is_detected(seed):
     first = next(index for index, numbers in enumerate(faces) if numbers)
     assert first < 30
     assert all(numbers == faces[first] for numbers in faces[first:])
+
+
+DESCENT = Terrain([(-2.0, 0.1), (4.0, -0.2)])
+
+
+@pytest.mark.parametrize('terrain, position, run', [
+    (DESCENT, 2.7, 0.25),  # the ground behind it is too short for a slope
+    (DESCENT, 2.0, 0.25),
+    (ground((0.3, -0.012)), 1.2, 0.3)])
+def test_a_known_face_remains_only_if_it_is_steeper_than_the_ground_beside_it(
+        terrain, position, run):
+    """An outlier at the end of the observed ground has started it."""
+    found, seen = ElevationMap(DecisionTuning()), exact(terrain)
+    x, z = np.array(seen.x), np.array(seen.z)
+    found.add(resample(x, z, np.zeros(len(x)), np.ones(len(x), bool), 0.0), 0.0)
+    known = Face(1, position, -0.012, 0.01, 0.001, run)
+    assert ground_of(found, 0.0, 0.0, RADIUS, [known]).faces == ()
 
 
 @pytest.mark.parametrize('seed', [0, *slow(1, 2, 3)])
