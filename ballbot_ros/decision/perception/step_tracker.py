@@ -69,12 +69,13 @@ class StepTracker:
     on the weights.  The average follows a trend of the height with distance, which adds its
     expected remaining change to the uncertainty.
 
-    A detection within a radius of an edge that contradicts it by more than
-    `contradiction_sigma` deviations is reported, not averaged in; after `forget_after` consecutive
-    contradictions the newest replaces the average.  A detection elsewhere is another edge.  An
-    observation of the ground beyond an edge, but not of the edge, is a miss, except within 1.5
-    radii of the ball, where a sensor may look over it.  Without a reported range, the observed
-    ground ends at the largest distance at which the sensor has detected an edge.
+    A detection within a radius of an edge that contradicts it by more than `contradiction_sigma`
+    deviations is reported, not averaged in; after `forget_after` consecutive contradictions the
+    newest replaces the average.  A detection elsewhere is another edge; one before a confirmed
+    edge starts with a miss, because the sensor has detected the farther one.  An observation of
+    the ground beyond an edge, but not of the edge, is a miss, except within 1.5 radii of the ball,
+    where a sensor may look over it.  Without a reported range, the observed ground ends at the
+    largest distance at which the sensor has detected an edge.
     """
 
     def __init__(self, radius: float, tuning: DecisionTuning, edges: EdgeMap):
@@ -137,6 +138,10 @@ class StepTracker:
                     [shown], [one for one in edges.edges if one.step is None]).get(0)
             if edge is None:
                 edge = edges.start(self._first)
+                if any(one.exists.confirmed and one.step is not None
+                       and one.step.mean.position > shown.position for one in edges.edges):
+                    # The sensor detects the next edge only, and has not detected this one.
+                    edge.exists.add(False)
             else:
                 edge.exists.add(True)
         self._average(edge, shown, observation)

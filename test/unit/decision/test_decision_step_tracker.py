@@ -329,6 +329,17 @@ def test_a_step_in_a_single_observation_never_enters_the_profile():
         assert tracking.update(observation, 0.0).face is None
 
 
+@pytest.mark.parametrize('nearer, count', [(0.3, 3), (1.5, 2)])
+def test_a_step_before_a_confirmed_one_requires_three_detections(nearer, count):
+    """The sensor detects the next step: a nearer one contradicts its earlier detections."""
+    tracking = tracker()
+    for index in range(10):
+        tracking.update(seen(0.02 * index, distance=1.0), 0.0)
+    heights = [[face.height for face in tracking.update(
+        seen(0.2 + 0.02 * index, distance=nearer, height=-0.1), 0.0).faces] for index in range(3)]
+    assert [-0.1 in found for found in heights] == [index + 1 >= count for index in range(3)]
+
+
 @pytest.mark.parametrize('height, moved, numbers', [
     (0.03, 1.9, [1]), (0.03, 2.0, [1, 2]),  # a radius away is another step
     (0.032, 1.9, [1]), (0.06, 1.9, [2])])   # and so is one of another height
