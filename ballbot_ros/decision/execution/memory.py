@@ -8,12 +8,13 @@ from ballbot_ros.crossing.rules import touch_distance
 from ballbot_ros.decision.learning.outcomes import Outcome, Result
 from ballbot_ros.decision.tuning import DecisionTuning
 from ballbot_ros.decision.values import (
-    Decision, Face, Failure, Motion, Obstruction, Profile, Reason)
+    Decision, Face, Failure, Kind, Motion, Obstruction, Profile, Reason)
 
 FAILURES_MAX = 20
 # A ball that rolls back keeps this distance from a face that it has passed [m].
 EDGE_CLEARANCE = 0.05
-# The ball is stuck at `emergency_lean` with less progress than this [m] within this time [s].
+# The ball is stuck with less progress than this [m] within this time [s], at `emergency_lean` or
+# in a crossing.
 PROGRESS_MIN, PROGRESS_TIMEOUT = 0.05, 2.5
 # The slope is too steep if the ball, commanded forward, rolls back at this speed [m/s] for this
 # time [s] and distance [m]; the slope estimate alone is too slow.
@@ -105,7 +106,9 @@ class Memory:
                 and position < self._best[0] - BACKWARD_DISTANCE_MIN:
             # After a bounce the ball rolls back, too, but not for this long.
             self._obstruct(self._best[0], Reason.STEEP)
-        elif at_emergency_lean and now - self._best[1] >= PROGRESS_TIMEOUT:
+        # A ball that crosses never rests; the slope is not estimated during a swing.
+        elif (at_emergency_lean or decision.kind is Kind.CROSS) \
+                and now - self._best[1] >= PROGRESS_TIMEOUT:
             self._obstruct(self._best[0], Reason.STUCK)
 
     def _obstruct(self, position: float, reason: Reason) -> None:

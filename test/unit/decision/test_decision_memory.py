@@ -111,6 +111,14 @@ def test_a_lack_of_progress_is_detected(speed, seconds, at_emergency_lean, reaso
     assert (None if memory.obstruction is None else memory.obstruction.reason) is reason
 
 
+def test_a_ball_without_progress_in_a_swing_is_stuck():
+    """The slope is not estimated during a swing."""
+    memory, swing = Memory(TUNING, RADIUS), replace(DRIVING, kind=Kind.CROSS)
+    for index in range(130):
+        memory.watch(Motion(0.02 * index, 0.5, 0.0), swing, False)
+    assert memory.obstruction.reason is Reason.STUCK
+
+
 @pytest.mark.parametrize('kind', [Kind.STOP, Kind.GO_ROUND])
 @pytest.mark.parametrize('speed', [0.15, 0.003])
 def test_an_obstruction_before_the_stop_position_ends_the_approach_to_it(kind, speed):
