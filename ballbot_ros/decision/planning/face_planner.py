@@ -96,8 +96,9 @@ class Selector(ABC):
             # Edges too close to stop between remain so when their estimates change.
             end = kept.end(ahead)
             kept = replace(kept, length=ahead.length(end))
-            if kept.back > 0.0 and now.standing \
-                    and motion.position < ahead.touch - kept.back + POSITION_TOLERANCE:
+            # The start moves with the estimate of the face, within the ground that is free.
+            start = max(ahead.touch - kept.back, situation.free_from)
+            if kept.back > 0.0 and now.standing and motion.position < start + POSITION_TOLERANCE:
                 # It was confirmed from this start before the ball backed off.
                 kept = replace(kept, back=0.0, strategy=Strategy.CARRY if end.faces > 1 else
                                Strategy.SWING if kept.angle > 0.0 else Strategy.ACCELERATE)

@@ -153,6 +153,17 @@ def test_after_backing_off_the_ball_crosses_immediately_as_planned():
     assert decision.plan.speed >= back.plan.speed
 
 
+def test_the_ball_crosses_at_the_end_of_the_free_ground_if_the_step_is_nearer_than_estimated():
+    plan, here, free, place, decision = new_planner(), -0.3 - RADIUS, -2.5, 0.0, None
+    for number in range(100):
+        motion = Motion(0.02 * number, here, 0.0)
+        decision = plan(Situation(motion, seen(step(0.045, position=place)), (), free), decision)
+        if decision.kind is Kind.BACK_OFF and place == 0.0:
+            here = free = decision.plan.start
+            place = -0.09
+    assert place < 0.0 and decision.kind is Kind.CROSS
+
+
 @pytest.mark.parametrize('room', [0.2, 0.3, 0.4])
 def test_a_search_that_ends_past_the_last_braking_point_does_not_back_off(room):
     plan, decision, late = new_planner(), None, False
