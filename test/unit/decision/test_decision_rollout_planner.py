@@ -446,6 +446,14 @@ def test_a_failed_plan_is_not_repeated_after_a_run_up_of_the_same_length():
     assert high(failures=(replace(failure, run_up=0.5),)).kind is Kind.BACK_OFF
 
 
+def test_a_faster_plan_with_less_swing_follows_a_failed_swing():
+    swing = Plan(Strategy.SWING, speed=0.5, swing_position=-0.5, swing_angle=TUNING.largest_swing)
+    after = decide(step(0.045), room=0.3, free_from=-2.5,
+                   failures=(Failure(0.0, swing, 0.5, 0.2),))
+    assert after.kind is Kind.BACK_OFF and after.outlook.touch_speed > 0.6
+    assert after.plan.swing_angle < TUNING.largest_swing
+
+
 def test_a_crossing_meets_a_higher_required_probability_or_is_refused():
     bold = decide(step(0.04))
     careful = decide(step(0.04), knowledge=replace(

@@ -124,14 +124,13 @@ def _promising(found: Sequence[Candidate], failures: Sequence[Failure]) -> List[
 def _more(item: Candidate, failure: Failure) -> bool:
     """Return whether a candidate exceeds a failed plan."""
     swung = failure.plan.swing_angle if math.isfinite(failure.plan.swing_position) else 0.0
-    return exceeds(item, failure.plan.speed, swung) or (
-        item.back > failure.run_up + POSITION_TOLERANCE and item.angle >= swung - 0.01)
+    return exceeds(item, failure.plan.speed, swung) \
+        or item.back > failure.run_up + POSITION_TOLERANCE
 
 
 def exceeds(item: Candidate, speed: float, angle: float) -> bool:
     """Return whether a candidate touches faster than at a speed, or swings past an angle."""
-    return (item.speed > speed + SPEED_INCREASE_MIN and item.angle >= angle - 0.01) \
-        or item.angle > angle + SWING_INCREASE_MIN
+    return item.speed > speed + SPEED_INCREASE_MIN or item.angle > angle + SWING_INCREASE_MIN
 
 
 def _reason(task: Task, trials: Sequence[Trial], tuning: DecisionTuning,
