@@ -271,6 +271,13 @@ def remove_built(package):
 
 def colcon(stage, ros, build, *paths):
     """Build packages into .venv itself, which serves as their install prefix."""
+    # If this file is missing, colcon writes it in place, where a second build may read it half
+    # written: two builds run at the same time.
+    layout = VENV / '.colcon_install_layout'
+    if not layout.exists():
+        complete = VENV / ('layout_' + stage.name)
+        complete.write_text('merged\n')
+        complete.replace(layout)
     env = dict(os.environ, PATH='%s%s%s' % (PYTHON.parent, os.pathsep, os.environ['PATH']),
                BALLBOT_MESSAGES_PYTHON_ONLY='ON')
     # Without a number of jobs, colcon limits make according to the load of the machine.

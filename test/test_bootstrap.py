@@ -7,6 +7,7 @@ import re
 import sys
 import sysconfig
 import threading
+from types import SimpleNamespace
 
 import pytest
 
@@ -108,6 +109,18 @@ def test_stages_of_one_step_run_at_the_same_time(stages):
     meeting = threading.Barrier(2, timeout=60.0)
     stages.run_together(*(stages.Stage(name, '', 'a', lambda stage: meeting.wait())
                           for name in ('left', 'right')))
+
+
+def test_a_build_finds_a_complete_mark_of_the_install_layout(host, monkeypatch, tmp_path):
+    """Two builds run at the same time, and colcon writes the mark in place."""
+    bootstrap, found = importlib.import_module('bootstrap'), []
+    monkeypatch.setattr(bootstrap, 'VENV', tmp_path)
+    stage = SimpleNamespace(name='messages', command=lambda *words, **_: found.append(
+        (tmp_path / '.colcon_install_layout').read_text()))
+    bootstrap.colcon(stage, '', tmp_path / 'build')
+    bootstrap.colcon(stage, '', tmp_path / 'build')
+    assert found == ['merged\n', 'merged\n']
+    assert [path.name for path in tmp_path.iterdir()] == ['.colcon_install_layout']
 
 
 def test_the_settings_of_pip_are_read_and_its_environment_comes_first(host, monkeypatch):
