@@ -12,19 +12,23 @@ import sys
 import time
 
 from ballbot_ros.drives import driver_class, open_driver, open_line, read_options
+from ballbot_ros.emulator.ball import settings_for
 from ballbot_ros.emulator.emulator import Emulator
 from ballbot_ros.physics import load_scene
 
 PERIOD = 0.02
 TORQUE, LIMIT = 0.01, 0.05  # at the motor shaft [N m]
+WATCHDOG = 0.5  # longer than a pause of this process, which has no real-time priority [s]
 
 
 def main() -> None:
     """Arm the drive, apply a torque for half a second, and stop it."""
     protocol = sys.argv[1] if len(sys.argv) > 1 else 'vesc'
-    options = read_options(protocol, {'torque_limit': LIMIT}, 'this example')
-    baud = driver_class(protocol).baud_rates[0]
-    with Emulator(protocol, load_scene('flat'), baud) as robot:
+    options = read_options(
+        protocol, {'torque_limit': LIMIT, 'watchdog': WATCHDOG}, 'this example')
+    baud, scene = driver_class(protocol).baud_rates[0], load_scene('flat')
+    settings = settings_for(scene.model.robot, watchdog=WATCHDOG)
+    with Emulator(protocol, scene, baud, settings) as robot:
         driver = open_driver(protocol, open_line(protocol, robot.path, baud), options)
         identity = driver.identify()
         print(f'On the line: {identity.protocol}, firmware {identity.firmware}')
