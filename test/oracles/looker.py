@@ -17,3 +17,9 @@ def look(url, **options):
     # viser registers a client at its first camera message.
     connection.send(msgspec.msgpack.encode(CAMERA))
     return connection
+
+
+def change(connection, widget, value):
+    """Set a widget of the page, like a user in the browser."""
+    connection.send(msgspec.msgpack.encode({
+        'type': 'GuiUpdateMessage', 'uuid': widget._impl.uuid, 'updates': {'value': value}}))

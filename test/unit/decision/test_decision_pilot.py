@@ -180,10 +180,10 @@ def test_a_ball_between_the_two_sides_of_a_trench_comes_to_rest():
     assert max(abs(speed) for time, _, speed, _ in log if time > 5.0) < 0.02
 
 
-@pytest.mark.parametrize('slope_deg, cord, largest', [
+@pytest.mark.parametrize('slope_deg, cord, required', [
     (0.0, 0.01, True), (0.0, 0.05, True), (3.0, None, False), (-3.0, None, False)])
-def test_only_an_obstruction_before_the_stop_position_requires_the_largest_lean(
-        slope_deg, cord, largest):
+def test_only_an_obstruction_before_the_stop_position_requires_emergency_lean(
+        slope_deg, cord, required):
     pilot, rise = Pilot(KNOWLEDGE), math.tan(math.radians(slope_deg))
     place, points = 0.6 + touch_distance(GIMBALL.ball_radius, 0.008), []
     if cord is not None:
@@ -191,4 +191,4 @@ def test_only_an_obstruction_before_the_stop_position_requires_the_largest_lean(
                   [place - cord + 0.008, 0.0]]
     drive_on(Terrain([[-5.0, -5.0 * rise], *points, [5.0, 5.0 * rise]]),
              lambda now: stop_at(0.6, 0.2), 15.0, pilot=pilot)
-    assert pilot.at_emergency_lean is largest
+    assert pilot.at_emergency_lean is required

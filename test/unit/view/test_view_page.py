@@ -9,7 +9,6 @@ import pytest
 from waiting import wait_until
 
 looker = pytest.importorskip('looker')  # and viser
-msgpack = pytest.importorskip('msgspec.msgpack')
 
 from ballbot_ros.errors import ConfigurationError  # noqa: E402
 from ballbot_ros.view.page import Page  # noqa: E402
@@ -92,8 +91,7 @@ def test_a_refresh_does_not_discard_the_change_of_a_viewer(page):
         try:
             for _ in range(threads._max_workers):
                 threads.submit(busy.wait)
-            viewer.send(msgpack.encode({'type': 'GuiUpdateMessage', 'uuid': slider._impl.uuid,
-                                        'updates': {'value': 5}}))
+            looker.change(viewer, slider, 5)
             wait_until(lambda: slider.value == 5.0)
             controls.refresh()
         finally:
